@@ -86,7 +86,8 @@ _OF_READINGS: Checks = {
         "How large is the scatter of a channel, over the declared noise?",
         "Every uncertainty uses the declared noise; a deviation of 10 % is normal.",
         VerdictRule(
-            "significantly above 1.1 times or below 1/1.1; signals above 100 times or below 1/100",
+            "significantly above 1.1 times or below 1/1.1; signals above 100 times or below 1/100; more under combined "
+            "loads, where it follows their products or stays below 2 % of the response",
             "significantly above 2 times or below 1/2",
         ),
         "Declare the channel's real noise, or find the disturbance: air along the beam, table, suspension of the load.",

@@ -108,8 +108,9 @@ OF_POINTS: Checks = {
         "Can an arm as long as this one have the declared masses, centres of mass and payload?",
         "Masses in g or centres in m give each deflection under weight a wrong size, or another cause.",
         VerdictRule(
+            warns="a payload heavier than all links together",
             fails="masses above those of a steel cube as long as the arm, a payload above a sixteenth of that, or "
-            "centres of mass beyond three times its length or all within a thousandth of it"
+            "centres of mass beyond three times its length or all within a thousandth of it",
         ),
         "Give mass_kg and payload_kg in kg, com_mm and payload_com_mm in mm; a URDF has kg and m.",
         not_evaluated="no masses",

@@ -24,14 +24,15 @@ if TYPE_CHECKING:
 _MM, _GPA = 1e-3, 1e9
 
 
-def elastic_parts(section: SensorMechanism) -> ElasticSensor | None:
+def elastic_parts(section: SensorMechanism, joints: JointCentres | None = None) -> ElasticSensor | None:
     """Stiffness of the sensor by its elements and elastic plates, None without elements.
 
+    ``joints``: other joint centres than the declared ones.
     Raises ValueError if they do not fit the legs.
     """
     if not section.elements:
         return None
-    sensor = elastic_sensor(sensor_joints(section), leg_elements(section))
+    sensor = elastic_sensor(joints or sensor_joints(section), leg_elements(section))
     for name, plate, added in (("platform", section.platform, at_platform), ("base", section.base, at_base)):
         if plate is not None and plate.elastic:
             sensor = sensor_with_part(sensor, f"{name} youngs", added(plate_of(plate), sensor.joints))

@@ -22,36 +22,26 @@ from truing.belonging.body_point_tests import (
 from truing.belonging.body_points import AsOtherBody, BodyPoints
 from truing.belonging.copied_poses import relate_copies
 from truing.belonging.drive_tests import DrivenBody, relate_drive
-from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads
-from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.reading_hypotheses import MeasuredMotion
 from truing.belonging.reading_tests import READINGS, ReadingNames, relate_readings
 from truing.belonging.relation import (
-    DISPLACEMENT_UNITS,
-    FRINGE_SHARES,
-    ROTATION_UNITS,
     RecordSlip,
     RelationState,
     RelationTest,
 )
 from truing.belonging.target_names import NamedTargets
 from truing.estimation.covariance import relative
-from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.quality.bodies import BodyView, PoseSurroundings
 from truing.report.belonging import message
 from truing.schemas.columns import COLUMNS
-from truing.schemas.interferometer import LINEAR
-from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.targets import FREE_DIRECTION, FREE_LENGTH_M
 from truing.stages.common.point_arrays import number_column, pose_points, positions
-from truing.stages.common.reading_arrays import LOAD_COLUMNS
-from truing.stages.common.sensor_elements import elastic_parts, sensor_joints
 from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check, not_evaluated
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.schemas.mechanism import LeggedMechanism, SensorMechanism
+    from truing.schemas.mechanism import LeggedMechanism
     from truing.simulation.mechanisms.legs.closures import Legs
 
 Groups = tuple[tuple[str, tuple[str, ...]], ...]
@@ -63,9 +53,7 @@ _VERDICTS = {
     RelationState.FAILS: FAIL,
     RelationState.NOT_TESTED: NOT_EVALUATED,
 }
-_LEGS = 6
 _DEGREES = "_deg"  # end of the names of columns with angles
-_SINGULAR = 1e12  # condition of the legs' influence, from which on legs do not carry every load
 
 
 def belonging_checks(tested: Iterable[RelationTest]) -> Iterator[Check]:
@@ -367,38 +355,3 @@ def _drivers(around: PoseSurroundings, at: Index) -> Array:
     varying = [values for values in columns if len(values) and np.isfinite(values).all() and np.ptp(values) > 0.0]
     scaled = [(values - values.mean()) / values.std() for values in varying]
     return np.column_stack(scaled) if scaled else np.zeros((len(at), 0))
-
-
-def relations_of_loads(steps: RecordedSteps, compliance: Array | None, settings: Campaign) -> tuple[RelationTest, ...]:
-    """Return the tested relations of a loading campaign; ``compliance`` (6, 6): as simulated, in terms of the
-    channels."""
-    count, sensitivity = len(steps.signals), settings.signals.sensitivity_mv_per_n
-    gain = leg_forces = None
-    if sensitivity is not None and np.size(sensitivity) in (1, count):
-        gain = np.broadcast_to(np.asarray(sensitivity, float), count) * MILLIVOLT
-    if settings.mechanism.type == "6-upur" and count == _LEGS:
-        leg_forces = _leg_forces(settings.mechanism)  # type: ignore[arg-type]
-    largest = np.array([getattr(settings.loading, name) or np.nan for name in LOAD_COLUMNS], float)
-    noise, tared = settings.noise.signal_mv or np.nan, settings.signals.zero_mv is not None
-    return relate_loads(steps, KnownBench(_channels(settings), compliance, leg_forces, gain, largest, noise, tared))
-
-
-def _leg_forces(section: SensorMechanism) -> Array | None:
-    """Return the leg forces (6, 6) per unit load; None if the legs do not carry every load."""
-    elastic = elastic_parts(section)
-    if elastic is not None:
-        return np.asarray(elastic.axial_forces)
-    G = influence_matrix(sensor_joints(section))
-    return np.asarray(np.linalg.inv(G)) if np.linalg.cond(G) < _SINGULAR else None
-
-
-def _channels(settings: Campaign) -> list[RecordedColumn]:
-    """Return the interferometer channels with their quantities and plausible other units."""
-    wave_um = settings.interferometer.wavelength_nm * 1e-3
-    fringes = tuple(share * wave_um for share in FRINGE_SHARES)
-    return [
-        RecordedColumn(name, "displacement", DISPLACEMENT_UNITS, fringes, float(READING_SI[k]))
-        if name in LINEAR
-        else RecordedColumn(name, "rotation", ROTATION_UNITS, (), float(READING_SI[k]))
-        for k, name in enumerate(CHANNELS)
-    ]

@@ -52,7 +52,6 @@ from truing.stages.common.chain_tables import joint_columns, joint_readings, pay
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.quality import point_checks
 from truing.stages.quality.belonging import READINGS, belonging_checks
-from truing.stages.quality.chain_orientations import JOINTS, orientations_against_links
 from truing.stages.quality.chain_slips import (
     FEWEST_POSES,
     ComparedChain,
@@ -69,6 +68,7 @@ from truing.stages.quality.chain_slips import (
     without_lone_errors,
 )
 from truing.stages.quality.check import Check, CheckResults
+from truing.stages.quality.orientation_checks import FRAMES_DIFFER, JOINTS, orientation_test
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -113,8 +113,12 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         compared = _links_compared(tables, settings)
         if compared is None:
             return _not_tested("no-poses")
-        turned = orientations_against_links(compared, settings)
-        if turned is not None and turned.slips and turned.state is RelationState.FAILS:
+        turned = orientation_test(compared, settings)
+        if (
+            turned is not None
+            and turned.state is RelationState.FAILS
+            and (turned.slips or turned.reason == FRAMES_DIFFER)
+        ):
             return turned
         tested = _tested(compared, settings)
         # Single strays of orientations lead only where the positions agree.

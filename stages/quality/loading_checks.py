@@ -19,7 +19,8 @@ from truing.report.numbers import count_text, percent
 from truing.stages.common.beam_rows import channel_rows
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.sensor_elements import declared_compliance
-from truing.stages.quality.belonging import belonging_checks, relations_of_loads, without_contradiction
+from truing.stages.quality.belonging import belonging_checks, without_contradiction
+from truing.stages.quality.bench_descriptions import relations_of_loads
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults, not_evaluated
 from truing.stages.quality.decisions import decision_checks
 from truing.stages.quality.joined_loads import joined_loads_check
@@ -30,6 +31,7 @@ from truing.stages.quality.reading_checks import (
     gross_errors,
     jumps,
     noise,
+    not_only_noise,
     repeatability,
     run_zeros,
     signs,
@@ -126,9 +128,10 @@ def _check_readings(view: LoadingView, settings: Campaign, share: float, limits:
     yield from exchanged_channels(view)
     yield from run_zeros(view)
     each = share / len(view.channels)
+    not_noise = not_only_noise(view, each)
     for channel in view.channels:
         yield gross_errors(view, channel, limits)
-        yield noise(channel, each)
+        yield noise(channel, each, channel.name in not_noise)
         yield drift(view, channel, 10.0 * each)
         yield zero_return(view, channel, 10.0 * each)
         yield repeatability(view, channel, 10.0 * each)

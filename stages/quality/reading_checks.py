@@ -25,10 +25,12 @@ from truing.quality.load_responses import (
 from truing.quality.loading import ChannelView, LoadingView, repeated_programmes
 from truing.report.numbers import count_text, in_suitable_unit, listed
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
-from truing.stages.quality.unit_slips import unit_slip
+from truing.stages.quality.unit_slips import FAR, unit_slip
 
 _TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
 _NOTED = 1.1
+_FOLLOWS = 0.05  # level of the test whether scatter follows products of loads: so much of plain noise only warns
+_NONLINEAR = 0.02  # share of a channel's response (rms) that a sensor's nonlinearity may be
 _REPEATS_NOTED = 1.5
 _UNEQUAL = 1e-3
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
@@ -79,23 +81,46 @@ def signs(view: LoadingView, responses: RunResponses, quantity: str, share: floa
         yield Check("signs", quantity, 1.0, 0.0, "1", PASS, text)
 
 
-def noise(channel: ChannelView, share: float) -> Check:
-    """Check the scatter that depends neither on loads nor on time against the declared noise."""
+def not_only_noise(view: LoadingView, share: float) -> frozenset[str]:
+    """Return the channels whose scatter above the declared noise may be a response that is no sum of those to single
+    axes: it follows products of loads, or it is as small as a sensor's nonlinearity.
+
+    Only where most steps load several axes at once: there no repeat of a single axis shows the noise alone.
+    """
+    above = [c for c in view.channels if view.is_combined(c) and _scatter(c).p_above(_TOLERATED)[0] < share]
+    if view.p_of_products(above) < _FOLLOWS:
+        return frozenset(channel.name for channel in above)
+    small = (c for c in above if c.noise_ratio < FAR and c.noise_ratio * c.sigma < _NONLINEAR * view.response(c))
+    return frozenset(channel.name for channel in small)
+
+
+def _scatter(channel: ChannelView) -> Scatter:
+    return Scatter(np.array([channel.fit.chi_square]), np.array([float(channel.fit.dof)]))
+
+
+def noise(channel: ChannelView, share: float, is_response: bool = False) -> Check:
+    """Check the scatter that depends neither on loads nor on time against the declared noise.
+
+    ``is_response``: scatter above the declared noise may be a response, so that it only warns.
+    """
     name = f"channel {channel.name}"
     if not np.isfinite(channel.declared):
         return not_evaluated("noise", "noise", name, "no noise is declared for it")
     if channel.fit.dof < 4:
         return not_evaluated("noise", "noise", name, "too few readings for the number of possible inputs")
-    scatter = Scatter(np.array([channel.fit.chi_square]), np.array([float(channel.fit.dof)]))
+    scatter = _scatter(channel)
     ratio = float(scatter.ratio[0])
-    unusable = min(scatter.p_above(_TOLERATED)[0], scatter.p_below(1.0 / _TOLERATED)[0]) < share
+    above, below = scatter.p_above(_TOLERATED)[0] < share, scatter.p_below(1.0 / _TOLERATED)[0] < share
     noted = min(scatter.p_above(_NOTED)[0], scatter.p_below(1.0 / _NOTED)[0]) < share
     text = (
         f"{channel.name}: the scatter is {ratio:.2f} times the declared noise "
         f"({count_text(channel.fit.dof, 'degree')} of freedom)."
     )
-    text += unit_slip(ratio, channel.declared * channel.in_files, channel.unit)
-    verdict = FAIL if unusable else WARN if noted else PASS
+    if above and is_response:
+        text += " It may be a response that is not the sum of those to single axes: repeat some combined loads."
+    else:
+        text += unit_slip(ratio, channel.declared * channel.in_files, channel.unit)
+    verdict = FAIL if below or (above and not is_response) else WARN if noted else PASS
     return Check("noise", name, ratio, _TOLERATED, "1", verdict, text)
 
 

@@ -159,3 +159,26 @@ def test_masses_in_grams_and_centres_in_metres_are_told(
     state, slips = relations(campaign(tmp_path / "arm", lambda rows: None, extra=extra))["masses-against-lengths"]
     named = [(slip["quantity"], slip.get("factor", 1.0)) for slip in slips]
     assert (state, named) == (("ok", []) if quantity is None else ("fails", [(quantity, pytest.approx(factor))]))
+
+
+MASSES = "payload_kg = {payload}\npayload_com_mm = [10.0, 0.0, 50.0]"
+
+
+@pytest.mark.parametrize(("payload", "state"), [(4.0, "ok"), (60.0, "attention")])
+def test_a_payload_heavier_than_all_links_is_asked_for(tmp_path: Path, payload: float, state: str) -> None:
+    def masses(rows: Rows) -> None:
+        return None
+
+    folder = campaign(tmp_path / "arm", masses, extra=MASSES.format(payload=payload))
+    toml = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(toml.replace("theta_deg = ", "mass_kg = 5.0, theta_deg = "))
+    found, slips = relations(folder)["masses-against-lengths"]
+    assert found == state
+    assert [slip["quantity"] for slip in slips] == (["payload_kg"] if state == "attention" else [])
+
+
+def test_pounds_and_newtons_are_listed_as_not_detectable(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "arm", lambda rows: None, extra=MASSES.format(payload=4.0))
+    table = stage_line(str(folder)).call("ingest", "qa").tables["belonging"].to_pylist()
+    (row,) = (row for row in table if row["relation"] == "masses-against-lengths")
+    assert [slip["quantity"] for slip in json.loads(row["hidden_slips"])] == ["payload_kg"]

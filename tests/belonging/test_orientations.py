@@ -123,3 +123,62 @@ def test_orders_of_euler_angles_that_are_equal_but_for_base_and_tool_leave_equal
     read = Rotation.from_euler("XYZ", measured.as_euler("xyz")).as_matrix()
     slips = slip_subjects(turning_misfit(turns.as_matrix(), read, "XYZ"))
     assert {"xyz", "yzx", "zxy"} <= slips
+
+
+def _seen(orientations: Array, base: Array) -> tuple[Array, Array]:
+    """Positions by the chain and as measured, of a point of the body whose orientations are measured."""
+    places = RNG.normal(size=(len(orientations), 3))
+    seen = places @ base.T + orientations @ [0.1, 0.05, 0.2] + [1.0, 2.0, 3.0]
+    return places, seen + 1e-3 * RNG.normal(size=seen.shape)
+
+
+def test_poses_written_as_inverses_are_told_as_such() -> None:
+    right = MEASURED.as_matrix()
+    places, seen = _seen(right, BASE.as_matrix())
+    inverse = np.swapaxes(right, 1, 2)
+    position = -np.einsum("bij,bj->bi", inverse, seen)
+    (slip,) = turning_misfit(LINKS.as_matrix(), inverse, None, (places, position)).slips
+    assert (slip.quantity, slip.subjects) == ("measured poses", ("inverse",))
+    (slip,) = turning_misfit(LINKS.as_matrix(), inverse, None, (places, seen)).slips
+    assert (slip.quantity, slip.subjects) == ("measured orientations", ("inversion",))
+
+
+@pytest.mark.parametrize(("sign", "written"), [(1.0, "body axes"), (-1.0, "of the inverse")])
+def test_positions_along_the_axes_of_the_body_are_told(sign: float, written: str) -> None:
+    right = MEASURED.as_matrix()
+    places, seen = _seen(right, BASE.as_matrix())
+    position = sign * np.einsum("bji,bj->bi", right, seen)
+    misfit = turning_misfit(LINKS.as_matrix(), right, None, (places, position))
+    assert [(slip.quantity, slip.subjects) for slip in misfit.slips] == [("measured positions", (written,))]
+    assert misfit.apart is not None
+    assert misfit.apart_after is not None
+    assert misfit.apart_after < 0.01 < misfit.apart
+
+
+@pytest.mark.parametrize(("order", "written"), [([1, 2, 0], "components yzx"), ([2, 0, 1], "components zxy")])
+def test_components_moved_on_turn_orientations_out_of_the_frame_of_positions(order: list[int], written: str) -> None:
+    places, seen = _seen(MEASURED.as_matrix(), BASE.as_matrix())
+    moved = Rotation.from_rotvec(MEASURED.as_rotvec()[:, order]).as_matrix()
+    assert not turning_misfit(LINKS.as_matrix(), moved, None).slips  # orientations alone cannot show it
+    misfit = turning_misfit(LINKS.as_matrix(), moved, None, (places, seen))
+    assert slip_subjects(misfit) == {written}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_orientations_about_one_axis_leave_the_base_to_positions(seed: int) -> None:
+    """An arm of parallel axes: its orientations determine no base, and contradict none."""
+    rng = np.random.default_rng(seed)
+    links = Rotation.from_rotvec(np.outer(rng.uniform(-3.0, 3.0, 30), [0.0, 0.0, 1.0]))
+    measured = BASE * links * TOOL * Rotation.from_rotvec(1e-3 * rng.normal(size=(30, 3)))
+    misfit = turning_misfit(
+        links.as_matrix(), measured.as_matrix(), None, _seen(measured.as_matrix(), BASE.as_matrix())
+    )
+    assert misfit.apart is None
+    assert not misfit.slips
+
+
+@pytest.mark.parametrize("degrees", [0.0, 5.0])
+def test_a_base_turned_by_wrong_zeros_is_no_other_frame(degrees: float) -> None:
+    turned = Rotation.from_rotvec([0.0, np.radians(degrees), 0.0]) * BASE
+    near = _seen(MEASURED.as_matrix(), turned.as_matrix())
+    assert turning_misfit(LINKS.as_matrix(), MEASURED.as_matrix(), None, near).apart is None

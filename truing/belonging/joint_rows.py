@@ -31,6 +31,7 @@ _MOST_NAMED = 6  # equal poses that are all named; of more, those that disagree
 _MOST_EXCHANGED = 200  # most poses among which an exchange is sought
 _SHIFTS = (1, -1, 2, -2, 3, -3)
 _AXES = ("x", "y", "z")
+_BOTH_WAYS_OF_LIGHT = (0.5, 2.0)  # a way there and back in place of a distance, a diameter in place of a radius
 _MEASURED, _DISTANCES = "measured positions", "distances"
 
 
@@ -326,7 +327,7 @@ def slips_of_lines(ends: Sequence[tuple[str, str]], values: NDArray) -> Iterator
 
 
 def _units(quantity: str, size: int) -> Iterator[MeasuredSlip]:
-    for factor in both_ways(LENGTH_FACTORS):
+    for factor in (*both_ways(LENGTH_FACTORS), *(_BOTH_WAYS_OF_LIGHT if size == 1 else ())):
         yield MeasuredSlip(RecordSlip(SlipKind.UNIT, quantity, factor=factor), factor * np.eye(size))
 
 

@@ -1,9 +1,10 @@
-"""Do measured orientations turn with the links of a chain; and slips in how rotations were written down."""
+"""Do measured orientations turn with the links of a chain, in the frame of the measured positions; and slips in how
+rotations and poses were written down."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -23,14 +24,20 @@ _ROUNDS, _MOST_ROUNDS, _MOST_POSES = 40, 2000, 200  # slow where orientations sp
 _FAR, _MOST_STRAY = 5.0, 0.1  # typical misfits beyond which a row is stray, and the largest share of such rows
 _ALIKE = 4.0  # traces of rotations from pose to pose that differ by more times the limit, rad, are of other rotations
 _ORDERS = tuple("".join(own) for own in product("XYZ", repeat=3) if own[0] != own[1] != own[2])
-_MEASURED = "measured orientations"
+_MEASURED, _POSITIONS, _POSES = "measured orientations", "measured positions", "measured poses"
+_BODY_AXES, _OF_INVERSE = "body axes", "of the inverse"
+_INVERTED = ("inverse", "inversion")
+_TURNED = 0.35  # rad: frames that differ by less do so by wrong zeros, by more through a slip
+_SETTLED = 1e-4  # share by which a round of a fit improves it at least
 
 
 @dataclass(frozen=True)
 class TurningMisfit:
     """Misfit of orientations, its limit and that without the slips, rad; ``slips`` explain them equally well.
 
-    ``stray``: rows (B,) far from the others, which do not count.
+    ``stray``: rows (B,) far from the others, which do not count. ``apart``: where orientations turn with the links, but
+    measured positions contradict them or the links, the misfit, rad, of orientations on the base that positions fit;
+    None elsewhere. ``apart_after``: that without the slips.
     """
 
     before: float
@@ -38,6 +45,8 @@ class TurningMisfit:
     after: float
     slips: tuple[RecordSlip, ...]
     stray: Mask
+    apart: float | None = None
+    apart_after: float | None = None
 
 
 def turning_misfit(
@@ -66,7 +75,8 @@ def turning_misfit(
     near = None if positions is None else (positions[0][few], positions[1][few])
     before = _rms(_angles(frames, links, measured))
     if before <= notable:
-        return TurningMisfit(before, limit, before, (), stray)
+        turning = TurningMisfit(before, limit, before, (), stray)
+        return turning if near is None else _placed_misfit(turning, links, measured, euler, near)
     enough = min(_EXPLAINED * before, limit)
     tried = [
         (slip, other, _places(links, other, enough))
@@ -79,7 +89,83 @@ def turning_misfit(
     alike = [(slip, _missed(other, base, near)) for after, slip, other, base in misfits if after <= 2.0 * least]
     nearest = min((missed for _, missed in alike), default=0.0)
     slips = tuple(slip for slip, missed in alike if missed <= 2.0 * nearest)
+    whole = _slip("inverse", _POSES)
+    if near is not None and slips and slips[0].subjects[0] in _INVERTED:
+        inverse = np.swapaxes(measured, -1, -2)
+        if _is_placed(links, near[0], -np.einsum("bij,bj->bi", inverse, near[1])) and not _is_placed(links, *near):
+            slips = (whole,)
     return TurningMisfit(before, notable if slips else limit, least, slips, stray)
+
+
+def _placed_misfit(
+    turning: TurningMisfit, links: NDArray, measured: NDArray, euler: str | None, near: tuple[NDArray, NDArray]
+) -> TurningMisfit:
+    """Return the misfit of orientations on the base that positions fit, if it is large; with slips that explain it.
+
+    Each may fit the chain in a frame of its own, though both are of one instrument: cyclic exchanges of axes only turn
+    the frame of orientations. ``near``: positions by the chain and as measured (B, 3), m.
+    """
+    by_chain, seen = near
+    base, alone = _alone(links, by_chain, seen)
+    missed = _missed_angle(base, links, measured)
+    if alone > _FOREIGN * _about_mean(seen):
+        turned = np.einsum("bij,bj->bi", measured, seen)
+        for written, places in ((_BODY_AXES, turned), (_OF_INVERSE, -turned)):
+            base, alone = _alone(links, by_chain, places)
+            after = _missed_angle(base, links, measured)
+            if alone < _EXPLAINED * _FOREIGN * _about_mean(places) and after < _TURNED:
+                return replace(turning, slips=(_slip(written, _POSITIONS),), apart=missed, apart_after=after)
+        return turning
+    if missed < _TURNED:
+        return turning
+    found = list[tuple[float, RecordSlip]]()
+    for slip, other in (*_cycled(measured, euler), *otherwise_written(measured, euler)):
+        after = _missed_angle(base, links, other)
+        if after < _EXPLAINED * missed:
+            found.append((after, slip))
+    least = min((after for after, _ in found), default=missed)
+    slips = tuple(slip for after, slip in found if after <= 2.0 * least)
+    return replace(turning, slips=slips, apart=missed, apart_after=least if slips else None)
+
+
+def _missed_angle(base: Array, links: NDArray, measured: NDArray) -> float:
+    """Return the rms angle, rad, of measured orientations (B, 3, 3) from the links on a base, with the best tool."""
+    on_base = base @ links
+    return _rms(_angles((base, _nearest(np.einsum("bji,bjk->ik", on_base, measured))), links, measured))
+
+
+def _is_placed(links: NDArray, by_chain: NDArray, seen: NDArray) -> bool:
+    """Return True where measured positions (B, 3) follow the link, on a free base and with a free tool."""
+    return _alone(links, by_chain, seen)[1] <= _FOREIGN * _about_mean(seen)
+
+
+def _about_mean(values: NDArray) -> float:
+    return _rms(values - values.mean(axis=0)) * np.sqrt(3.0)
+
+
+def _alone(links: NDArray, by_chain: NDArray, seen: NDArray) -> tuple[Array, float]:
+    """Return the base (3, 3) that measured positions (B, 3) fit, with the place of the tool, and their rms distance, m,
+    from the chain on it."""
+    tool, about, base, away = np.zeros(3), seen - seen.mean(axis=0), np.eye(3), np.inf
+    for _ in range(_ROUNDS):
+        places = by_chain + links @ tool
+        places = places - places.mean(axis=0)
+        base = _nearest(about.T @ places)
+        last, away = away, float(np.sqrt(np.mean(np.sum((about - places @ base.T) ** 2, axis=1))))
+        if last - away <= _SETTLED * away:
+            break
+        rest = seen @ base - by_chain
+        design = np.concatenate([np.broadcast_to(np.eye(3), links.shape), links], axis=2).reshape(-1, 6)
+        tool = np.linalg.lstsq(design, rest.ravel(), rcond=None)[0][3:]
+    return base, away
+
+
+def _cycled(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
+    """Yield orientations (B, 3, 3) whose components along x, y and z were moved on by one, or by two."""
+    if euler is None:
+        for written, shift in (("components yzx", 1), ("components zxy", 2)):
+            order = np.roll(np.eye(3), shift, axis=0)
+            yield _slip(written), order @ measured @ order.T
 
 
 def otherwise_written(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
@@ -98,8 +184,8 @@ def otherwise_written(measured: NDArray, euler: str | None) -> Iterator[tuple[Re
             yield _slip(order), Rotation.from_euler(order, angles).as_matrix()
 
 
-def _slip(written: str) -> RecordSlip:
-    return RecordSlip(SlipKind.ROTATION, _MEASURED, (written,))
+def _slip(written: str, quantity: str = _MEASURED) -> RecordSlip:
+    return RecordSlip(SlipKind.ROTATION, quantity, (written,))
 
 
 def _missed(measured: NDArray, base: Array, positions: tuple[NDArray, NDArray] | None) -> float:

@@ -126,6 +126,26 @@ def against_geometry(
     )
 
 
+def misfit_of_legs(steps: SignalSteps, columns: Sequence[RecordedColumn], legs: Array, gain: Array | None) -> float:
+    """Return the rms misfit of signals by forces (6, 6) along the legs over their rms response; zero without responses.
+
+    Where no gain (S,) is declared, each signal has the one, of either sign, that fits it best.
+    """
+    measured = _clear_responses(steps, len(columns))
+    if not len(measured):
+        return 0.0
+    norm = np.linalg.norm(measured.direction * np.sqrt(np.mean(legs**2, axis=0)), axis=1)
+    size, force = measured.size / norm, np.sum(legs[measured.column] * measured.direction, axis=1) / norm
+    missed = np.zeros(len(size))
+    for k in range(len(legs)):
+        mine = measured.column == k
+        if mine.any():
+            fitted = float(size[mine] @ force[mine] / max(force[mine] @ force[mine], 1e-300))
+            scale = max(float(np.sqrt(np.mean(size[mine] ** 2))), 1e-300)
+            missed[mine] = (size[mine] - (fitted if gain is None else gain[k]) * force[mine]) / scale
+    return float(np.sqrt(np.mean(missed**2)))
+
+
 def _named_count(tested: RelationTest) -> int:
     """Return the number of columns and runs that slips name: the simpler of two explanations names fewer."""
     return sum(len(slip.subjects) for slip in tested.slips)

@@ -1,4 +1,9 @@
-"""Test of declared masses and their centres against the size of a chain: slips between g, N, lb and kg, m and mm."""
+"""Test of declared masses and their centres against the size of a chain: slips between g, N and kg, m and mm.
+
+The bounds are properties of matter and of known arms. Within them, pounds and newtons in place of kilograms look like a
+heavier arm or payload. These slips are listed as not detectable here; the deflections show the ratio of payload and
+masses (cause weight-factor).
+"""
 
 from __future__ import annotations
 
@@ -14,11 +19,14 @@ WEIGHTS = "masses-against-lengths"
 _STEEL = 7850.0  # kg/m^3: no arm is as heavy as a cube of steel as long as its reach
 _PAYLOAD = 500.0  # kg/m^3: the same for a payload; known arms carry at most a thirtieth of that
 _MOST_CARRIED = 10.0  # times the mass of all links that an arm carries at most
+_USUALLY_CARRIED = 1.0  # times that mass: known arms carry a tenth to a half of it, few more than all of it
 _SHORTEST = 0.2  # m: reach below which nothing is tested
 _FARTHEST, _NEAREST = 3.0, 1e-3  # reaches: no centre of mass is farther off, and not all are so near
 _FEWEST = 3  # centres that are all too near
 _NEAREST_PAYLOAD = 2e-4  # m: nobody gives the centre of a payload to less than that
 _GRAMS, _MILLI = 1e-3, 1e-3
+_NEWTON = 1.0 / 9.80665
+_MASSES, _PAYLOAD_KG = "masses of links", "payload_kg"
 
 
 @dataclass(frozen=True)
@@ -41,19 +49,27 @@ def relate_weights(weights: Weights) -> RelationTest:
     if not (weights.mass.any() or weights.payload_kg) or weights.reach < _SHORTEST:
         return RelationTest(WEIGHTS, RelationState.NOT_TESTED, "no-masses")
     slips = tuple(_slips(weights))
-    state, reason = (RelationState.FAILS, "slip") if slips else (RelationState.OK, "agrees")
-    return RelationTest(WEIGHTS, state, reason, misfit=float(len(slips)), limit=0.0, unit="1", slips=slips)
+    if slips:
+        return RelationTest(WEIGHTS, RelationState.FAILS, "slip", "", float(len(slips)), None, 0.0, "1", slips)
+    declared = ((_MASSES, weights.mass.any()), (_PAYLOAD_KG, weights.payload_kg))
+    unseen = tuple(RecordSlip(SlipKind.UNIT, quantity, dimension="mass") for quantity, has in declared if has)
+    carried = weights.payload_kg / float(weights.mass.sum()) if weights.is_complete else 0.0
+    if carried > _USUALLY_CARRIED:
+        asked = (RecordSlip(SlipKind.UNIT, _PAYLOAD_KG, factor=_NEWTON, dimension="mass"),)
+        sizes = ("", carried, None, _USUALLY_CARRIED, "1")
+        return RelationTest(WEIGHTS, RelationState.ATTENTION, "heavy-payload", *sizes, asked, hidden=unseen)
+    return RelationTest(WEIGHTS, RelationState.OK, "agrees", "", 0.0, None, 0.0, "1", hidden=unseen)
 
 
 def _slips(weights: Weights) -> Iterator[RecordSlip]:
     volume = weights.reach**3
     if weights.mass.sum() > _STEEL * volume:
-        yield RecordSlip(SlipKind.UNIT, "masses of links", factor=_GRAMS, dimension="mass")
+        yield RecordSlip(SlipKind.UNIT, _MASSES, factor=_GRAMS, dimension="mass")
     most = _PAYLOAD * volume
     if weights.is_complete:
         most = min(most, _MOST_CARRIED * float(weights.mass.sum()))
     if weights.payload_kg > most:
-        yield RecordSlip(SlipKind.UNIT, "payload_kg", factor=_GRAMS, dimension="mass")
+        yield RecordSlip(SlipKind.UNIT, _PAYLOAD_KG, factor=_GRAMS, dimension="mass")
     distance = np.sqrt(np.sum(weights.com**2, axis=1))
     distance = distance[distance > 0.0]
     yield from _of_centres("centres of mass of links", distance, weights.reach, _NEAREST * weights.reach, _FEWEST)

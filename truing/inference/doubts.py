@@ -36,7 +36,8 @@ class Doubts:
         """Return a verdict after checks on the final model: a found cause that fails one is only suspected.
 
         Predictions may contradict it. A nonparametric effect is doubted that larger noise than declared may have
-        produced, or in place of which other causes are more probable. A catalogued cause is also doubted if the
+        produced, or in place of which other causes are more probable. A catalogued cause is also doubted if it takes
+        the place of a plainer one without clear need, or if the
         final model is inadequate or holds a nonparametric effect of which the cause may be a part. So it is if a
         nonparametric effect was more probable but refused, or still explains something next to the cause; if random
         courses compete with it; if no effect, or other causes that explain the same, are too probable; or if it rests
@@ -59,6 +60,8 @@ class Doubts:
             reason = self.whole or (Reason.UNNAMED if course is None else Reason.COURSE)
             share = verdict.share_explained if course is None else course.share
             return replace(verdict, verdict=SUSPECTED, reason=reason, course=course, share_explained=share)
+        if not verdict.cause.is_distinct(verdict.values, verdict.covariance):
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE)
         if verdict.cause.is_assumed:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ASSUMED)
         if verdict.probability < NAMED:

@@ -32,6 +32,8 @@ _CAUSES, _NOISE, _DEPENDENCE, _DOUBTED = 0.45, 0.05, 0.1, 0.4
 # Most catalogued causes that are tried together in place of a nonparametric effect. A nonparametric effect may imitate
 # more of them, but so many would imitate it.
 _MOST_TOGETHER = 4
+# Least decrease of the squares by a cause that takes the place of a plainer one: chi-square, one degree, p = 2e-4.
+_PLAIN_GAIN = 13.8
 
 
 @dataclass(frozen=True)
@@ -206,13 +208,14 @@ class ForwardSearch(Generic[CauseT]):
                 if by_names := self._together(rounds, kinds, refused, chosen.candidate):
                     found += by_names
                     return found, worse, further.end(None, len(found), rounds[-1], None)
+            asked = chosen.candidate  # a plainer one may take its place; if that fails, this one is refused
             chosen, cause, after = self._fitted(chosen, current)
             covered = self._covered(cause, after)
             if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
-                further.unpaid.add(chosen.candidate.kind)
+                further.unpaid.add(asked.kind)
                 continue
             if predicts_worse(current.fitted.held_out, after.held_out, covered):
-                worse.append(first_order(current, chosen.candidate, REJECTED, self.fitter.held_out, Reason.HELD_OUT))
+                worse.append(first_order(current, asked, REJECTED, self.fitter.held_out, Reason.HELD_OUT))
                 continue
             outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
             rivals, onsets = current.rivals_of(chosen.candidate), self._onsets(chosen.candidate, current)
@@ -293,11 +296,33 @@ class ForwardSearch(Generic[CauseT]):
             cause, size = own.refined(), chosen.candidate.signature.parameters
             after = self.fitter.prepared((*current.fitted.causes, cause), current.fitted)
             values, covariance = after.values(cause)
-            least = own.narrowed(values[:size], covariance[:size, :size], after.model.part_count)
-            narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
+            narrower = self._plainer(
+                chosen.candidate, current, after, is_distinct=cause.is_distinct(values, covariance)
+            )
+            if narrower is chosen.candidate:
+                least = own.narrowed(values[:size], covariance[:size, :size], after.model.part_count)
+                narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
             if narrower is chosen.candidate or not is_real(current, narrower, self.settings.level):
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=(), inputs=())
+
+    def _plainer(
+        self,
+        candidate: CauseCandidate[CauseT],
+        current: Round[CauseT],
+        after: FittedModel[CauseT],
+        *,
+        is_distinct: bool,
+    ) -> CauseCandidate[CauseT]:
+        """Return the plainer candidate whose place a candidate takes, unless the candidate is distinct and fits clearly
+        better, by the likelihood ratio of both fits; else the candidate itself."""
+        wanted = (candidate.cause.plain_id, candidate.cause.subject)
+        plain = next((c for c in current.candidates if (c.cause.id, c.cause.subject) == wanted), None)
+        if plain is None:
+            return candidate
+        other = self.fitter.prepared((*current.fitted.causes, plain.cause.refined()), current.fitted)
+        gain = (_squares(other) - _squares(after)) / after.noise_ratio**2
+        return candidate if is_distinct and gain > _PLAIN_GAIN else plain
 
     @staticmethod
     def _onsets(candidate: CauseCandidate[CauseT], current: Round[CauseT]) -> tuple[CauseT, CauseT] | None:
@@ -370,3 +395,8 @@ def names_of_one_effect(steps: Sequence[Accepted[CauseT]], last: Round[CauseT], 
         return move_alike(final, (first, sizes[first.key]), (second, sizes[second.key]))
 
     return several_for_one([(step.cause, step.candidate, step.round) for step in steps], last, alike)
+
+
+def _squares(fitted: FittedModel[CauseT]) -> float:
+    """Return the sum of squares of a model's residuals of observations and inputs, over the noise of its fit."""
+    return float(fitted.noise.observed_total + fitted.noise.inputs_total)

@@ -74,6 +74,10 @@ class CauseLike(Protocol):
         """True for a sudden change that a part may well show several times in one campaign."""
 
     @property
+    def plain_id(self) -> str:
+        """Id of the plainer cause whose place it takes for the same subject; empty for most causes."""
+
+    @property
     def has_set_shape(self) -> bool:
         """True if the machine sets its shape, so that it was not searched among many."""
 
@@ -104,6 +108,9 @@ class CauseLike(Protocol):
 
     def narrowed(self, values: Array, covariance: Array, parts: int, /) -> Self:
         """Return the cause, after a fit, without the parts that clearly have no effect."""
+
+    def is_distinct(self, values: Array, covariance: Array, /) -> bool:
+        """True if fitted values clearly distinguish it from the plainer cause whose place it takes."""
 
     def with_known_part(self, values: Array, /) -> Array:
         """Return fitted values (P,) with the part that was known before the fit."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +10,13 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.counted_times import merely_counts
-from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
+from truing.estimation.interferometry.combined_loads import (
+    ShareOfProducts,
+    is_combined,
+    p_of_products,
+    share_of_products,
+)
+from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, fitted_columns, response_columns
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 
 TEMPERATURES = ("air_temperature_c", "material_temperature_c")
@@ -20,6 +26,7 @@ _CLEAR = 10.0  # least range of an expected answer, in sigmas, for a test of its
 _FEWEST = 6  # fewest readings of a channel that is assessed
 _FEWEST_STEPS, _LEAST_FREEDOM = 8, 4  # fewest steps and degrees of freedom for the scatter of a signal
 _MOST_STEPS = 8000
+_MOSTLY = 0.5  # share of the steps
 _FEW = 0.1  # share of a run's steps: where more have no value, the value was not meant to be recorded
 
 
@@ -110,14 +117,40 @@ class LoadingView:
     @cached_property
     def channels(self) -> tuple[ChannelView, ...]:
         """All channels that were read, in the order dx .. rz."""
-        known = [name for name in TEMPERATURES if name in self.steps.covariates]
-        around = np.column_stack(
-            [self.steps.covariates[name] for name in known] or [np.zeros((len(self.steps.run), 0))]
-        )
+        around = self._around()
         is_observed = np.isfinite(self.steps.reading)
         return tuple(
             self._channel(k, is_observed[:, k], around) for k in range(6) if is_observed[:, k].sum() >= _FEWEST
         )
+
+    def is_combined(self, channel: ChannelView) -> bool:
+        """Return True if most steps of a channel load several axes at once."""
+        return bool(np.mean(is_combined(self.steps.load[channel.rows])) > _MOSTLY)
+
+    def response(self, channel: ChannelView) -> float:
+        """Return the rms of a channel's readings about the mean of each run, SI."""
+        reading = self.steps.reading[channel.rows, channel.place]
+        about = [reading[mine] - reading[mine].mean() for mine in channel.of_runs]
+        return float(np.sqrt(np.mean(np.concatenate(about) ** 2)))
+
+    def p_of_products(self, channels: Sequence[ChannelView]) -> float:
+        """Return the p-value of residuals of some channels if they are noise, against products of loads; NaN for
+        none."""
+        found = (self._share_of_products(channel) for channel in channels)
+        return p_of_products([share for share in found if share is not None])
+
+    def _share_of_products(self, channel: ChannelView) -> ShareOfProducts | None:
+        rows, fit, kept = channel.rows, channel.fit, channel.fit.kept
+        load, time_s = self.steps.load[rows], self.steps.time_s[rows]
+        groups = response_columns(load, channel.run, time_s, self._around()[rows])
+        removed = fitted_columns(groups, channel.run, time_s)[kept] / fit.sigma[kept, None]
+        standardized = fit.residual[kept] / fit.sigma[kept]
+        return share_of_products(standardized, removed, load[kept], channel.run[kept], channel.place)
+
+    def _around(self) -> Array:
+        """Return the recorded temperatures (N, C)."""
+        known = [name for name in TEMPERATURES if name in self.steps.covariates]
+        return np.column_stack([self.steps.covariates[name] for name in known] or [np.zeros((len(self.steps.run), 0))])
 
     def _channel(self, k: int, is_observed: Mask, around: Array) -> ChannelView:
         steps = self.steps.subset(is_observed)

@@ -38,13 +38,15 @@ _FACTORS = {
         10.0: "cm in place of mm",
         25.4: "inches in place of mm",
         1e6: "a factor of a million",
+        0.5: "a diameter in place of a radius, or the way there and back",
+        2.0: "a radius in place of a diameter, or half of the way",
     },
     "angle": {
         57.29577951308232: "radians in place of degrees",
         0.017453292519943295: "degrees in place of radians",
         0.9: "gon in place of degrees",
     },
-    "mass": {1e-3: "g in place of kg"},
+    "mass": {1e-3: "g in place of kg", 1.0 / 9.80665: "N in place of kg"},
     "load": {
         1e3: "kN in place of N, kN m in place of N m",
         1e-3: "N in place of kN, or mN in place of N",
@@ -109,6 +111,7 @@ _REASONS = {
     "agrees": "belong together",
     "hardly-moved": "were not compared: the machine hardly moved",
     "no-masses": "were not compared: no masses are declared, or the chain is shorter than 0.2 m",
+    "heavy-payload": "are unusual: the payload is heavier than all links together, and few arms carry so much",
     "no-readings": "were not compared: the campaign has no actuator readings",
     "no-mechanism": "were not compared: no [mechanism] relates them",
     "no-survey": "were not compared: no survey says where the frames of base and platform lie",
@@ -120,6 +123,7 @@ _REASONS = {
     "rounded": "belong together, but values were recorded in coarse steps",
     "late": "agree better if all readings are taken at another time",
     "strays": "belong together",
+    "frames-differ": "do not belong together: positions and orientations of the measured poses are in different frames",
     "departs": "differ by more than a calibration usually explains",
     "legs-parallel": "are all parallel: they do not constrain sideways motion of the platform",
     "legs-alike": "have the same joints: together they constrain the platform like one leg",
@@ -251,6 +255,8 @@ def _coupled(slip: RecordSlip, how: str, key: str) -> str:
 
 
 _INVERSE = "as their inverses (the frame as seen from the body)"
+_BODY_AXES = "along the axes of the body (Rᵀp in place of p)"
+_OF_INVERSE = "of the inverse poses (−Rᵀp in place of p)"
 _INVERSION = (
     f"{_INVERSE}, as quaternions with the scalar at the other end (w, x, y, z against x, y, z, w), or as rotation "
     "vectors with two components exchanged or one of opposite sign (equivalent where base and tool are unknown)"
@@ -259,7 +265,10 @@ _INVERSION = (
 
 def _rotation(slip: RecordSlip) -> str:
     (written,) = slip.subjects
-    otherwise = {"inverse": _INVERSE, "inversion": _INVERSION}
+    if written.startswith("components "):
+        order = ", ".join(written.removeprefix("components "))
+        return f"{slip.quantity} with {order} in the columns of x, y, z"
+    otherwise = {"inverse": _INVERSE, "inversion": _INVERSION, "body axes": _BODY_AXES, "of the inverse": _OF_INVERSE}
     read = f'as Euler angles, read otherwise: [poses] euler = "{written}"'
     return f"{slip.quantity} {otherwise.get(written, read)}"
 

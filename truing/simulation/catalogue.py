@@ -73,6 +73,7 @@ from truing.simulation.mechanisms.chains.nonparametric import NonparametricChain
 from truing.simulation.mechanisms.chains.reading_lag import ChainReadingLag
 from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved, DistanceOffset
+from truing.simulation.mechanisms.chains.weight_factors import WeightFactor
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
@@ -159,6 +160,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointCompliance(),
     JointSag(),
     GravityDirection(),
+    WeightFactor(),
     LinkBending(),
     ColumnTilt(),
     LinkGrowth(),

@@ -152,6 +152,7 @@ class Cause(Generic[SceneT_contra]):
     catalogued: ClassVar[bool] = True  # False: a nonparametric effect
     has_known_scale: ClassVar[bool] = False  # True: its parameters are properties of materials, whose range is known
     recurs: ClassVar[bool] = False  # True: a sudden change that a part may well show several times in one campaign
+    plain_id: ClassVar[str] = ""  # id of the plainer cause whose place it takes for the same subject
     lacking: ClassVar[Missing | None] = None  # input without which it has no candidates
 
     @property
@@ -318,6 +319,11 @@ class Cause(Generic[SceneT_contra]):
         A large effect may need such parts while it is selected, because linearised effects only approximate it.
         """
         return self
+
+    def is_distinct(self, values: NDArray, covariance: NDArray) -> bool:
+        """True if what distinguishes it from a plainer cause (`plain_id`) is clear in values (P,) and covariance (P,
+        P), SI, of the fitted form."""
+        return True
 
     def with_known_part(self, values: NDArray) -> NDArray:
         """Return the values (P,), SI, with the part that was known before the fit."""

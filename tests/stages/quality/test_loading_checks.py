@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.sensor_campaign import campaign_toml, measured, write_campaign
+from tests.sensor_campaign import LARGEST, NOISE, READING, campaign_toml, measured, sensor, write_campaign
 from tests.sentences import assert_says
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
@@ -318,3 +318,25 @@ def test_a_programme_of_loads_that_repeats_worse_than_the_others_is_named(tmp_pa
     assert_says(row["message"], "dx", "repeats", "run 7")
     assert_between(row["value"], 1.6, 8.0)
     assert set(rows.drop(index="channel dx")["verdict"]) == {"pass"}
+
+
+@pytest.mark.parametrize(("of_products", "verdict"), [(True, "warn"), (False, "fail")])
+def test_a_response_to_products_of_loads_is_no_noise(tmp_path, of_products, verdict):
+    """Random loads along all axes at once: dx scatters by eight times its noise, or follows fy x fz."""
+    rng = np.random.default_rng(5)
+    share = rng.uniform(-1.0, 1.0, (96, 6))
+    share[::16] = 0.0
+    columns = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]
+    table = pd.DataFrame(share * LARGEST, columns=columns)
+    table = table.assign(run=np.repeat(np.arange(1, 7), 16), step=np.tile(np.arange(16), 6))
+    motion = sensor().displacement(share * LARGEST) * READING + NOISE * rng.normal(size=(96, 6))
+    size = 8.0 * NOISE[0]
+    motion[:, 0] += size * (3.0 * share[:, 1] * share[:, 2] if of_products else rng.normal(size=96))
+    in_files = np.array([1e-3] * 3 + [np.pi / 180.0 / 3600.0] * 3)
+    names = ["dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"]
+    table[names] = motion * in_files
+    table["time_s"] = 60.0 * np.arange(96)
+    write_campaign(tmp_path / "c", None, None, campaign_toml())
+    table.to_csv(tmp_path / "c" / "displacement.csv", index=False)
+    qa = run_line(tmp_path / "c", "ingest", "qa")[0]["qa"].to_pandas()
+    assert "noise channel dx" in messages(qa, verdict)

@@ -108,6 +108,15 @@ def _lagged(share: Array, run: Index, time_s: Array, tau: float) -> Array:
     return out
 
 
+def fitted_columns(groups: list[Array], run: Index, time_s: Array) -> Array:
+    """Return all columns (N, P) that `fit_channel` removes: the affordable groups, a zero and a drift of each run."""
+    frame = run_frame(run, time_s)
+    count = len(frame.starts)
+    of_runs = (run[:, None] == np.arange(count)).astype(float)
+    shared = _affordable(groups, len(run) - 2 * count, len(run))
+    return np.column_stack([shared, of_runs, of_runs * frame.way[:, None]])
+
+
 def fit_channel(
     reading: Array, sigma: Array, groups: list[Array], run: Index, time_s: Array, load: Array, load_sigma: Array
 ) -> ChannelFit:

@@ -109,6 +109,16 @@ def _other_gravity(claim: Claim) -> str:
     )
 
 
+def _other_weight(claim: Claim) -> str:
+    """Return the words of a factor of the payload, or of all masses, and of units that it can be."""
+    links = "masses of the links"
+    part, other = (links, "payload") if claim.fact("part") == "links" else ("payload", links)
+    size, units = claim.size("factor"), str(claim.fact("units") or "").split()
+    much = "not the declared" if size is None or size.number is None else f"{size_in_words(size)} times the declared"
+    asked = f" (did you mean {part} in {' or '.join(units)}?)" if units else ""
+    return f"{_owner(claim)} deflects as if the {part} were {much}, next to the declared {other}{asked}"
+
+
 def _tilt(claim: Claim) -> str:
     about = f" about its {claim.fact('about')} axis" if claim.fact("about") else ""
     return with_sizes(f"the column that carries {_owner(claim)} tilts{about} under the moment of its load", claim)
@@ -319,6 +329,11 @@ CHAIN = {
         "direction of gravity",
         _other_gravity,
         "Check how the machine is mounted, and write the direction of gravity in the frame of its base to [mechanism].",
+    ),
+    "weight-factor": Wording(
+        "ratio of payload and masses",
+        _other_weight,
+        "Weigh the payload, and repeat the same poses without it. Masses and payload_kg are in kg.",
     ),
     "column-tilt": Wording(
         "tilt of a column",

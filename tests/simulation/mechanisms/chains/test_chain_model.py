@@ -37,6 +37,7 @@ from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.settling import SIDE, JointSettling
 from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree
+from truing.simulation.mechanisms.chains.weight_factors import WeightFactor
 
 NOISE_M, NOISE_RAD = 2e-5, 5e-5
 
@@ -54,6 +55,7 @@ EVERY: tuple[ChainCause, ...] = (
     JointCompliance("j2", True, 20.0, ("link3 x", "tip z"), (0.2, 0.1), free=True),
     JointSag("j2", parts=("link2 x", "link3 x")),
     GravityDirection("-x", ("j2", "j3"), (True, True), (30.0, 10.0)),
+    WeightFactor("j2", factor=0.1, load=20.0, free=True),
     ColumnTilt("base", load=50.0),
     LinkGrowth("link2"),
     LinkBending("link2", load=10.0),

@@ -1,4 +1,4 @@
-"""Test of a chain's measured orientations: does each measured link turn as the chain at its joint readings does."""
+"""Check of measured orientations of a chain: do they turn with the links, in the frame of the measured positions."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 JOINTS = "joints-against-links"
-"""Id of the check of joint readings against measured links."""
+FRAMES_DIFFER = "frames-differ"  # those of measured positions and orientations
 _DEG = np.pi / 180.0
 
 
-def orientations_against_links(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
+def orientation_test(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
     """The test of the first measured link whose orientations do not turn with it, or with strays; None if all do."""
     strays: tuple[str, ...] = ()
     agreed: TurningMisfit | None = None
@@ -52,6 +52,8 @@ def orientations_against_links(compared: ComparedChain, settings: Campaign) -> R
                     misfit_explained=compared_turns.after / _DEG if compared_turns.slips else None,
                 )
                 return replace(test, slips=compared_turns.slips[:1], rivals=compared_turns.slips[1:])
+            if compared_turns.apart is not None:
+                return _in_different_frames(compared_turns)
     if agreed is None:
         return None
     return RelationTest(
@@ -63,6 +65,14 @@ def orientations_against_links(compared: ComparedChain, settings: Campaign) -> R
         unit="deg",
         slips=(RecordSlip(SlipKind.STRAY, "measured orientations of", strays),),
     )
+
+
+def _in_different_frames(turns: TurningMisfit) -> RelationTest:
+    """Return the failed test of positions and orientations of poses that contradict one another."""
+    assert turns.apart is not None
+    after = None if turns.apart_after is None else turns.apart_after / _DEG
+    sizes = ("", turns.apart / _DEG, after, None, "deg", turns.slips[:1], turns.slips[1:])
+    return RelationTest(JOINTS, RelationState.FAILS, FRAMES_DIFFER, *sizes)
 
 
 def _positions(measured: MeasuredLinks, k: int, poses: Mask, by_chain: Array) -> tuple[Array, Array] | None:
