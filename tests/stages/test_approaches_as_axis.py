@@ -185,3 +185,19 @@ def test_settings_of_an_axis_survive_pickle_and_copy() -> None:
     for same in (pickle.loads(pickle.dumps(axis)), deepcopy(axis)):
         assert same.campaign.name == "positions"
         assert same.noise == axis.noise
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5, 6])
+def test_lost_motion_is_named_next_to_a_larger_error_of_the_place(seed: int) -> None:
+    """What an error of the place leaves is the same from both sides, so the difference between sides is none of it."""
+    rng = np.random.default_rng(seed)
+    axis = Axis(backlash=0.0127, targets=tuple(np.linspace(-20.0, 20.0, 9).tolist()))
+    table = axis.measured(rng)
+    rough = np.interp(table.column("target_mm").to_numpy(), axis.targets, rng.normal(0.0, 0.04, 9))
+    position = table.column("position_mm").to_numpy() + rough + rng.normal(0.0, 2e-3, table.num_rows)
+    at = table.schema.get_field_index("position_mm")
+    verdicts = _diagnosed(table.set_column(at, "position_mm", pa.array(position))).verdicts
+    (lost,) = [verdict for verdict in verdicts if verdict.cause.id == "lost-motion"]
+    assert lost.verdict in ("found", "suspected")
+    assert abs(abs(float(lost.values[0])) - 12.7e-6) < 4.0 * float(np.sqrt(lost.covariance[0, 0]))
+    assert lost.share_explained is None or lost.share_explained > 0.9

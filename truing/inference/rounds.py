@@ -48,6 +48,7 @@ _OF_A_KIND = 3
 # If the model holds a nonparametric effect that acts on at least the share _SAME_GROUND of what a catalogued cause acts
 # on, the cause must explain at least the share _OF_ITS_SIZE of that effect's squares (half its amplitude).
 _OF_ITS_SIZE, _SAME_GROUND = 0.25, 0.5
+_MOST_OF_IT = 0.5  # share of a candidate that varies at equal inputs of another effect
 # Log odds by which a nonparametric effect must lead to be preferred to a cause of the catalogue.
 NAMED = float(np.log(3.0))
 # Rivals within this factor of the best in evidence are indistinguishable from it.
@@ -68,16 +69,33 @@ def share_explained(final: FittedModel[CauseT], cause: CauseT) -> float:
     """Return the share (0 to 1) of a catalogued cause in the squares that it and nonparametric effects explain
     together.
 
-    Only nonparametric effects that act on most of what the cause acts on count.
+    Only nonparametric effects that act on most of what the cause acts on count, unless the cause varies where their
+    inputs are equal.
     """
     unnamed = [other for other in final.causes if not other.catalogued]
     if not unnamed:
         return 1.0
     pathways = final.pathways
     acting_part, squares = _acting(final, pathways, cause)
+    unnamed = [other for other in unnamed if not _varies_at_equal(final, acting_part, other)]
     others = [_acting(final, pathways, other) for other in unnamed]
     beside = sum(held for form, held in others if acting_part.share_on(pathways, form) > _SAME_GROUND)
     return squares / (squares + beside)
+
+
+def _varies_at_equal(fitted: FittedModel[CauseT], effect: Signature, held: CauseT) -> bool:
+    """Return True if most of an effect varies among epochs with equal inputs of another one, such as commands that
+    were approached from both sides: it is no remainder of that one."""
+    known, names = fitted.scene.covariates, held.inputs(fitted.model.part_count)
+    columns = [known[name] for name in names if name in known and known[name].ndim == 1]
+    if not columns or len(columns) < len(names):
+        return False
+    group = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].ravel()
+    design = effect.design.reshape(len(group), -1)
+    sums = np.zeros((group.max() + 1, design.shape[1]))
+    np.add.at(sums, group, design)
+    within = design - (sums / np.bincount(group)[:, None])[group]
+    return float(np.sum(within**2)) > _MOST_OF_IT * float(np.sum((design - design.mean(0)) ** 2))
 
 
 def act_on_same(fitted: FittedModel[CauseT], cause: CauseT, unnamed: CauseT) -> bool:
@@ -278,20 +296,24 @@ class Round(Generic[CauseT]):
         return float(self.null.raw(squares, CandidateGroup(candidate.kind, effect.rank, effect.input_share), noise))
 
     def is_remainder(self, candidate: CauseCandidate[CauseT]) -> bool:
-        """Return True if a candidate is small compared with a nonparametric effect of the model that acts
-        on the same."""
+        """Return True if a candidate is small compared with a nonparametric effect of the model that acts on the
+        same, and does not vary where the inputs of that effect are equal: what the effect leaves does not either."""
         if self.search is None:
             return False
         pathways, squares = self.search.pathways, self.scores[candidate.key].squares
-        larger = (other for other, squares_held in self._held_nonparametric if squares < _OF_ITS_SIZE * squares_held)
-        return any(candidate.signature.share_on(pathways, other) > _SAME_GROUND for other in larger)
+        return any(
+            squares < _OF_ITS_SIZE * squares_held
+            and candidate.signature.share_on(pathways, held) > _SAME_GROUND
+            and not _varies_at_equal(self.fitted, candidate.signature, cause)
+            for cause, held, squares_held in self._held_nonparametric
+        )
 
     @cached_property
-    def _held_nonparametric(self) -> list[tuple[Signature, float]]:
-        """Signatures and squares of the nonparametric effects with a subject that the model holds."""
+    def _held_nonparametric(self) -> list[tuple[CauseT, Signature, float]]:
+        """Nonparametric effects with a subject that the model holds, with their signatures and squares."""
         assert self.search is not None
         return [
-            _acting(self.fitted, self.search.pathways, cause)
+            (cause, *_acting(self.fitted, self.search.pathways, cause))
             for cause in self.fitted.causes
             if is_nonparametric_of_subject(cause)
         ]
