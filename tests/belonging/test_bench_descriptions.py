@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from tests.sensor_campaign import LOWER_MM, UPPER_MM, campaign_toml, measured, write_campaign
+from truing.belonging import bench_descriptions
+from truing.belonging.load_tests import KnownBench
+from truing.belonging.relation import RecordSlip, SlipKind
 from truing.pipeline.in_memory import stage_line
 
 TURN, MIRROR = np.array([-1.0, -1.0, 1.0]), np.array([1.0, -1.0, 1.0])
@@ -63,3 +66,16 @@ def test_without_readings_a_slip_of_loads_is_as_likely(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", [3, 4])
 def test_other_stiffnesses_are_no_other_description(tmp_path: Path, stiffness: float, seed: int) -> None:
     assert not slips(tmp_path, campaign_toml(), seed, stiffness=stiffness)
+
+
+def test_legs_that_do_not_carry_every_load_explain_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where legs moved on by one are singular, they predict no signals, and so miss none."""
+    known = KnownBench((), None, np.eye(6), None, np.ones(6), 1.0, tared=False)
+    slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "b_mm", ("legs moved on by 1",))
+
+    def missed(_: object, bench: KnownBench) -> bench_descriptions._Misfit:
+        return bench_descriptions._Misfit(0.0, 0.0 if bench.leg_forces is None else 0.9)
+
+    monkeypatch.setattr(bench_descriptions, "_misfit", missed)
+    singular = bench_descriptions.DescribedBench(slip, None, None, None)
+    assert bench_descriptions.with_described((), None, known, [singular]) == ()  # type: ignore[arg-type]

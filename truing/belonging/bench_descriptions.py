@@ -60,6 +60,8 @@ def with_described(
         return tests
     found = list[tuple[_Misfit, DescribedBench]]()
     for other in others:
+        if not _predicts_as_much(other, known):
+            continue
         misfit = _misfit(steps, replace(known, compliance=other.compliance, leg_forces=other.leg_forces))
         if misfit.worst <= min(_EXPLAINED * declared.worst, _LEFT):
             found.append((misfit, other))
@@ -89,6 +91,12 @@ def with_described(
     ]
     told = {test.relation for test in named}
     return (*named, *(test for test in tests if test.relation not in told))
+
+
+def _predicts_as_much(other: DescribedBench, known: KnownBench) -> bool:
+    """Return True if a description predicts all that the declared one does: legs that move on may be singular."""
+    loses_readings = known.compliance is not None and other.compliance is None
+    return not loses_readings and (known.leg_forces is None or other.leg_forces is not None)
 
 
 def _misfit(steps: RecordedSteps, known: KnownBench) -> _Misfit:
