@@ -130,6 +130,7 @@ def test_a_small_effect_on_the_poses_of_a_larger_form_is_its_remainder(held: flo
     stand: Any = current.fitted
     stand.causes, stand.design_matrix = (_cause("form", False),), lambda cause: form
     stand.values = lambda cause: (np.array([held]), np.eye(1))
+    stand.scene = SimpleNamespace(covariates={})
     assert current.is_remainder(current.candidates[0]) is expected
 
 

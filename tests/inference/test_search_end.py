@@ -35,8 +35,9 @@ def _event(part: str, *, recurs: bool = False) -> SimpleNamespace:
 
 
 def _limit(accepted: list[SimpleNamespace], chosen: SimpleNamespace) -> SearchEnd | None:
-    """The limit of a search in which every cause has an onset."""
-    current: Any = SimpleNamespace(scene=SimpleNamespace(onsets=lambda cause: cause), held_out=None)
+    """The limit of a search in which every cause but waves has an onset."""
+    onsets = SimpleNamespace(onsets=lambda cause: None if cause.id == "waves" else cause)
+    current: Any = SimpleNamespace(scene=onsets, held_out=None)
     return FurtherCauses[Any]().limit(accepted, current, chosen)
 
 
@@ -45,6 +46,12 @@ def test_a_third_sudden_change_of_the_same_part_ends_the_search() -> None:
     assert _limit([_event("tool"), _event("tool")], _event("tool")) is SearchEnd.EVENTS
     assert _limit([_event("tool"), _event("base")], _event("tool")) is None
     assert _limit([_event("tool")], _event("tool")) is None
+
+
+def test_a_smooth_drift_of_the_same_part_is_no_sudden_change() -> None:
+    waves = SimpleNamespace(id="waves", subject="tool", catalogued=True, recurs=False)
+    assert _limit([waves, waves, _event("tool")], _event("tool")) is None
+    assert _limit([_event("tool"), _event("tool")], waves) is None
 
 
 def test_changes_that_recur_do_not_end_the_search() -> None:

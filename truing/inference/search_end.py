@@ -72,9 +72,9 @@ class FurtherCauses(Generic[CauseT]):
         """Return the limit that the accepted causes have reached, None where the chosen one may be accepted."""
         if sum(not cause.catalogued for cause in accepted) >= MOST_UNNAMED:
             return SearchEnd.UNNAMED_EFFECTS
-        if chosen is not None and not chosen.recurs and current.scene.onsets(chosen) is not None:
-            of_kind = [cause for cause in accepted if (cause.id, cause.subject) == (chosen.id, chosen.subject)]
-            if len(of_kind) >= MOST_EVENTS:
+        if chosen is not None and not chosen.recurs and _is_event(chosen, current):
+            same = [cause for cause in accepted if (cause.id, cause.subject) == (chosen.id, chosen.subject)]
+            if sum(_is_event(cause, current) for cause in same) >= MOST_EVENTS:
                 return SearchEnd.EVENTS
         if len(accepted) < MANY_CAUSES:
             return None
@@ -98,3 +98,8 @@ class FurtherCauses(Generic[CauseT]):
         if left is None:
             limit = SearchEnd.MOST_CAUSES if accepted > MANY_CAUSES else SearchEnd.COMPLETE
         return EndOfSearch(limit or SearchEnd.MOST_CAUSES, accepted, left, least)
+
+
+def _is_event(cause: CauseT, current: FittedModel[CauseT]) -> bool:
+    """Return True if a cause begins at an onset that the search chooses, as jumps do and waves do not."""
+    return current.scene.onsets(cause) is not None
