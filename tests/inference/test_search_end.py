@@ -30,13 +30,13 @@ def test_without_any_candidate_nothing_is_left() -> None:
     assert FurtherCauses[Any]().end(None, 0, _closing(), None).p_value == 1.0
 
 
-def _event(part: str, *, recurs: bool = False) -> SimpleNamespace:
-    return SimpleNamespace(id="jump", subject=part, catalogued=True, recurs=recurs)
+def _event(part: str, *, recurs: bool = False, is_smooth: bool = False) -> SimpleNamespace:
+    return SimpleNamespace(id="drift", subject=part, catalogued=True, recurs=recurs, is_smooth=is_smooth)
 
 
 def _limit(accepted: list[SimpleNamespace], chosen: SimpleNamespace) -> SearchEnd | None:
-    """The limit of a search in which every cause but waves has an onset."""
-    onsets = SimpleNamespace(onsets=lambda cause: None if cause.id == "waves" else cause)
+    """The limit of a search in which every cause but a smooth one has an onset."""
+    onsets = SimpleNamespace(onsets=lambda cause: None if cause.is_smooth else cause)
     current: Any = SimpleNamespace(scene=onsets, held_out=None)
     return FurtherCauses[Any]().limit(accepted, current, chosen)
 
@@ -49,7 +49,7 @@ def test_a_third_sudden_change_of_the_same_part_ends_the_search() -> None:
 
 
 def test_a_smooth_drift_of_the_same_part_is_no_sudden_change() -> None:
-    waves = SimpleNamespace(id="waves", subject="tool", catalogued=True, recurs=False)
+    waves = _event("tool", is_smooth=True)
     assert _limit([waves, waves, _event("tool")], _event("tool")) is None
     assert _limit([_event("tool"), _event("tool")], waves) is None
 
