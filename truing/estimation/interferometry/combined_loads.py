@@ -40,7 +40,7 @@ def p_of_products(shares: Sequence[ShareOfProducts]) -> float:
 def share_of_products(
     standardized: Array, removed: Array, load: Array, run: Index, seed: int = 0
 ) -> ShareOfProducts | None:
-    """Return how much of the residuals of a channel follows products of loads; None where too few rows are free.
+    """Return the part of a channel's residuals that follows products of loads; None where too few rows are free.
 
     The variance-component score test, with the products of degree two and three of loads along two axes or more,
     against normal noise that lost the same columns. ``standardized`` (N,): residuals over their noise, of any common

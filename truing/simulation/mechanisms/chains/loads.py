@@ -68,8 +68,10 @@ class ColumnTilt(AssumedCentres, LinkCause):
         return result
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the tilt and the shift: neither can be negative, as a column turns about a place below what it
-        carries."""
+        """Return the tilt, and the shift: a column turns about a place below what it carries.
+
+        A negative shift counts against the cause, and does not exclude it.
+        """
         return (0, 1)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
