@@ -55,6 +55,11 @@ class RunConsole:
         self.line(sentence)
         self.tell("sentences", {"sentence": sentence})
 
+    def aside(self, sentence: str) -> None:
+        """Print a sentence beside a table on standard output, unless quiet."""
+        if not self._quiet:
+            sys.stderr.write(f"{sentence}\n")
+
     def written(self, words: str, files: Sequence[Path]) -> None:
         """Print which files were written; JSON holds their paths among ``files``."""
         self.line(words)

@@ -49,11 +49,11 @@ def predict_file(model: Path, inputs: Path, out: Path | None, console: RunConsol
             console.tell(_artifact(predicted), row)
     elif out is None:
         sys.stdout.write(_csv(predicted).decode())
+    if is_campaign:
+        _print_errors(predicted, console, is_printed=out is None)
     if out is None:
         return ExitCode.DONE
     _write(out, predicted, _campaign(model, text), [text, _csv(predicted).decode()])
-    if is_campaign:
-        _print_errors(predicted, console)
     console.line(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
     return ExitCode.DONE
 
@@ -89,10 +89,19 @@ def _run_has_table(model: Path, name: str) -> bool:
     return (model.parent / ARTIFACTS[name].file).is_file()
 
 
-def _print_errors(errors: pa.Table, console: RunConsole) -> None:
+def _print_errors(errors: pa.Table, console: RunConsole, *, is_printed: bool) -> None:
+    """Print the errors and their verdict; of a table that is printed itself, the verdict alone, beside it."""
+    from truing.report.transfer_section import verdict_elsewhere
+
+    verdict = verdict_elsewhere(errors.to_pandas())
+    sentence = f"{verdict.state}: {verdict.explanation}"
+    if is_printed and not isinstance(console, JsonConsole):
+        console.aside(sentence)
+        return
     for row in errors.to_pylist():
         size = f"{row['rms_error']:.4g} {row['unit']} rms, {row['largest_error']:.4g} {row['unit']} at most"
         console.line(f"{row['quantity']:<12} {row['prediction_by']:<11} {size} ({row['model']})")
+    console.sentence(sentence)
 
 
 def _model_text(model: Path) -> str:

@@ -232,6 +232,7 @@ CALIBRATION = (
         "errors of predictions for a second campaign of the same machine, by models fitted to this one: nominal, "
         "calibrated, and extended with the persistent findings",
         "campaign prediction_by* model quantity* rms_error largest_error noise_rms count unit",
+        optional="p_worse beyond_range",
     ),
     parquet(
         "error_classes",

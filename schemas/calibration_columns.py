@@ -102,6 +102,18 @@ CALIBRATION_COLUMNS = (
         choices=("nominal", "calibrated", "extended"),
     ),
     size("noise_rms", "", "root mean square error by noise alone", nullable=True),
+    share(
+        "p_worse",
+        "probability of errors this much larger than those of the nominal model, if both predict equally well: paired "
+        "and one-sided, values as if independent; empty for the nominal model and for fewer than 5 values",
+        nullable=True,
+    ),
+    integer(
+        "beyond_range",
+        "number of these values at readings outside the range of the fitted poses; empty if the model states no range",
+        minimum=0,
+        nullable=True,
+    ),
     integer("count", "number of poses, load steps or readings in the root mean square", minimum=1),
     # Requirements.
     text(

@@ -13,6 +13,7 @@ SECTIONS = (
     "adequacy",
     "pulls",
     "calibration",
+    "transfer",
     "requirements",
     "diagnosis",
     "positioning",
@@ -44,6 +45,9 @@ class ReasonCode(StrEnum):
     MISFIT = "misfit"
     CAUSE_LEFT_OUT = "cause-left-out"
     HELD_OUT_MISSED = "held-out-missed"
+    PREDICTS_ELSEWHERE = "predicts-elsewhere"
+    BEYOND_NOISE_ELSEWHERE = "beyond-noise-elsewhere"
+    WORSE_ELSEWHERE = "worse-elsewhere"
     MET = "met"
     UNDECIDED = "undecided"
     NOT_MET = "not-met"
@@ -103,6 +107,11 @@ _MEANING = {
     ReasonCode.MISFIT: "the chosen calibration does not fit its own data; value: misfit over noise",
     ReasonCode.CAUSE_LEFT_OUT: "the chosen calibration does not fit: it leaves out a cause that the diagnosis found",
     ReasonCode.HELD_OUT_MISSED: "the chosen calibration misses held-out data by more than noise",
+    ReasonCode.PREDICTS_ELSEWHERE: "a model predicts the second campaign to its noise; value: rms error over noise",
+    ReasonCode.BEYOND_NOISE_ELSEWHERE: "every model misses the second campaign by more than noise; value: rms error "
+    "over noise",
+    ReasonCode.WORSE_ELSEWHERE: "a model predicts the second campaign worse than the nominal one; value: rms error "
+    "over the nominal one",
     ReasonCode.MET: "every requirement is met",
     ReasonCode.UNDECIDED: "the interval of an error contains its limit",
     ReasonCode.NOT_MET: "a requirement is not met; value: error over limit",

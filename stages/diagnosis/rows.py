@@ -112,8 +112,9 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         claim = replace(claim, settings={**claim.settings, ONSET_BETWEEN: _onset_names(verdict.onsets)})
     if verdict.inputs:
         claim = replace(claim, settings={**claim.settings, INSTEAD: [list(inputs) for inputs, _ in verdict.inputs]})
-    facts = _facts(verdict, diagnosis, words, claim)
-    advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
+    fitted = with_fitted_settings(claim, reported_parameters(verdict, legs))
+    facts = _facts(verdict, diagnosis, words, fitted)
+    advice = words.next_measurement.get(cause.key) or confirming(fitted, cause.confirm)
     if verdict.course is not None and cause.key not in words.next_measurement:
         advice = replace(advice, words=remainder_advice(verdict.course.follows))
     return {
@@ -239,6 +240,12 @@ def _claim(verdict: Verdict, legs: int) -> Claim:
         return claim
     clear = cause.narrowed(verdict.values, verdict.covariance, legs)
     return replace(claim, subject=clear.subject, follows=clear.inputs(legs))
+
+
+def with_fitted_settings(claim: Claim, reported: Mapping[str, Mapping[str, object]]) -> Claim:
+    """The claim with the fitted values of settings that a fit refines, such as the order of a wave."""
+    fitted = {name: reported[name]["value"] for name in claim.settings if name in reported}
+    return replace(claim, settings={**claim.settings, **fitted})
 
 
 def claim_of(cause: Cause, legs: int) -> Claim:

@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 _SAME_BODY = 3.0
 _OTHER_PLACES = 20.0
 _EXPECTED_SIGMA = f"a standard deviation above 0, from {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm"
+_SEVERAL_READINGS = (
+    "; of several readings of one pose, give their mean, or give each a pose of its own with the same inputs "
+    "(repeat_of)"
+)
 _CORRELATIONS = ("corr_xy", "corr_xz", "corr_yz")
 _SAMPLED_POSES = 5
 _SAME_RATIO = 1.5  # largest over smallest ratio of distances, if only the unit differs
@@ -341,7 +345,8 @@ class Points:
                 pose, body, target = self._ledger.name_of(row)
                 value = f"pose {pose}, {body}, {target}"
                 count = len(rows) - SHOWN + 1 if shown == SHOWN - 1 else 1
-                text = "".join(part.name_in_files(pose, body, target) for part in self.expected.relabelled)
+                relabelled = "".join(part.name_in_files(pose, body, target) for part in self.expected.relabelled)
+                text = relabelled or _SEVERAL_READINGS
                 faults = CellFaults(f"each pose, body and target once{text}", None, ((record, value),), count)
                 self.log.cells(file.raw.name, faults, file.locate)
 

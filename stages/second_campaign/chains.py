@@ -46,6 +46,7 @@ def predicted_links(text: str, second: SecondCampaign) -> Iterator[PredictionErr
     nominal = conditions.subset(usable)
     names = [effect.cause.id for effect in extended.effects if effect.cause.is_persistent]
     words = f"with {', '.join(dict.fromkeys(names))}" if names else "zeros and links as identified"
+    is_beyond = ((nominal.readings < extended.measured[0]) | (nominal.readings > extended.measured[1])).any(1)
     models = (NOMINAL, "as described", nominal), (EXTENDED, words, identified_conditions(extended, nominal))
     for by, model, measured_link in models:
         errors = _errors(tree, measured, measured_link, usable, second)
@@ -59,7 +60,9 @@ def predicted_links(text: str, second: SecondCampaign) -> Iterator[PredictionErr
                 variance = np.trace(measured.cov[usable][:, chosen], axis1=-2, axis2=-1)
                 noise = float(np.sqrt(variance[is_observed].mean())) / si if is_observed.any() else None
                 size = np.sqrt(np.sum(errors[:, chosen] ** 2, -1))
-                yield PredictionErrors(by, model, f"{quantity} of {link}", unit, size[is_observed] / si, noise)
+                beyond = np.broadcast_to(is_beyond[:, None], is_observed.shape)[is_observed]
+                name = f"{quantity} of {link}"
+                yield PredictionErrors(by, model, name, unit, size[is_observed] / si, noise, beyond)
 
 
 def _check(extended: ExtendedChain, tree: Tree, second: SecondCampaign) -> None:

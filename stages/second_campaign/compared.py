@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import ndtr
 
+from truing.arrays import Array, Mask
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.common.rows import Rows
 
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
 
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 NOMINAL, CALIBRATED, EXTENDED = "nominal", "calibrated", "extended"
 ARTIFACT = "second_campaign_errors"
+_FEWEST_PAIRS = 5
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,10 @@ class SecondCampaign:
 
 @dataclass(frozen=True)
 class PredictionErrors:
-    """Measured minus predicted by one model: errors (N,) of a quantity, in its unit; the rms of noise alone."""
+    """Measured minus predicted by one model: errors (N,) of a quantity, in its unit; the rms of noise alone.
+
+    ``beyond`` (N,): values at readings outside the range of the fitted poses; None if the model states no range.
+    """
 
     prediction_by: str
     model: str
@@ -46,13 +50,24 @@ class PredictionErrors:
     unit: str
     errors: Array
     noise_rms: float | None = None
+    beyond: Mask | None = None
 
 
-def add_errors(rows: Rows, second: SecondCampaign, found: PredictionErrors) -> None:
-    """Add the row of a quantity; nothing where none of it could be predicted."""
-    errors = found.errors[np.isfinite(found.errors)]
+def add_all_errors(rows: Rows, second: SecondCampaign, found: Iterable[PredictionErrors]) -> None:
+    """Add a row per model and quantity, compared with the nominal model's; none where nothing could be predicted."""
+    nominal: dict[str, Array] = {}
+    for of_model in found:
+        if of_model.prediction_by == NOMINAL:
+            nominal[of_model.quantity] = of_model.errors
+        _add_errors(rows, second, of_model, nominal.get(of_model.quantity))
+
+
+def _add_errors(rows: Rows, second: SecondCampaign, found: PredictionErrors, nominal: Array | None) -> None:
+    is_known = np.isfinite(found.errors)
+    errors = found.errors[is_known]
     if not len(errors):
         return
+    is_compared = nominal is not None and found.prediction_by != NOMINAL and len(nominal) == len(found.errors)
     rows.add(
         campaign=second.settings.campaign.name,
         prediction_by=found.prediction_by,
@@ -63,4 +78,19 @@ def add_errors(rows: Rows, second: SecondCampaign, found: PredictionErrors) -> N
         noise_rms=found.noise_rms,
         count=len(errors),
         unit=found.unit,
+        p_worse=probability_worse(found.errors, nominal) if is_compared and nominal is not None else None,
+        beyond_range=None if found.beyond is None else int(found.beyond[is_known].sum()),
     )
+
+
+def probability_worse(errors: Array, nominal: Array) -> float | None:
+    """Return the one-sided p-value that errors (N,) are as large as nominal ones (N,), of the same values in pairs.
+
+    The mean difference of squares over its standard error is normal. None for fewer than 5 pairs.
+    """
+    gap = errors**2 - nominal**2
+    gap = gap[np.isfinite(gap)]
+    if len(gap) < _FEWEST_PAIRS:
+        return None
+    error = float(gap.std(ddof=1)) / np.sqrt(len(gap))
+    return float(ndtr(-gap.mean() / error)) if error > 0.0 else 0.5

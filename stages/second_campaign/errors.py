@@ -13,7 +13,7 @@ from truing.simulation.bench.extended_model import is_sensor
 from truing.simulation.mechanisms.chains.extended_model import is_chain
 from truing.stages.common.belonging import reason_withheld
 from truing.stages.common.rows import Rows
-from truing.stages.second_campaign.compared import ARTIFACT, PredictionErrors, SecondCampaign, add_errors
+from truing.stages.second_campaign.compared import ARTIFACT, PredictionErrors, SecondCampaign, add_all_errors
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -32,14 +32,12 @@ def second_campaign_errors(
     if why := reason_withheld(second.tables):
         raise ValueError(f"second campaign: {why}")
     rows, left_out = Rows(ARTIFACT), ""
-    for errors in _predicted(text, second, tables):
-        add_errors(rows, second, errors)
+    add_all_errors(rows, second, _predicted(text, second, tables))
     if settings is not None and settings.campaign.kind == "interferometer":
         from truing.stages.second_campaign.loads import predicted_by_matrix
 
         try:
-            for errors in predicted_by_matrix(tables, settings, second):
-                add_errors(rows, second, errors)
+            add_all_errors(rows, second, predicted_by_matrix(tables, settings, second))
         except ValueError as why:
             left_out = f"loads by signals: {why}"
     if not rows.count:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.formats.named_joints import joint_columns
+from truing.formats.named_joints import configurations_of_joints, joint_columns
 
 PLACES = ("X [m]", "Y [m]", "Z [m]")
 LETTERS = ("S [rad]", "L [rad]", "U [rad]", "R [rad]", "B [rad]", "T [rad]")
@@ -29,8 +29,18 @@ def test_a_run_of_angles_beside_a_place_is_joints_in_its_order() -> None:
         ("A [deg]", "B [deg]", "C [deg]", *PLACES),  # an orientation
         (*LETTERS, *PLACES, "A [rad]", "B [rad]", "C [rad]"),  # which of the runs are joints?
         ("S velocity [rad]", "L velocity [rad]", "U velocity [rad]", "R velocity [rad]"),
-        ("S", "L", "U", "R", "B", "T"),  # no unit says that these are angles
+        ("S", "L", "U", "R"),  # no unit says that these are angles
     ],
 )
 def test_other_angles_are_no_joints(names: tuple[str, ...]) -> None:
     assert found(*names) is None
+
+
+def test_the_six_letters_of_yaskawa_are_joints_without_a_unit_and_t_is_no_time() -> None:
+    names = ("R", "pose", "S", "L", "U", "B", "T")
+    cells = [[str(0.1 * row + 0.5 * column) for column in range(7)] for row in range(9)]
+    read = configurations_of_joints(names, cells, np.array(cells, float), {"pose": "pose", "time_s": "T"}, ())
+    assert read is not None
+    letters = dict(zip("SLURBT", range(1, 7), strict=True))
+    assert read.mapping["columns"] == {f"joint{k}_rad": letter for letter, k in letters.items()}
+    assert read.doubts  # the unit is a guess

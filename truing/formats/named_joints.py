@@ -28,6 +28,7 @@ _INDEX = re.compile(r"[\[(]\d+[\])]$")  # position[1] has no unit
 _LINEAR = ("m", "mm", "cm", "um", "in", "nm")
 _FEWEST, _MOST = 3, 9
 _ORIENTATION = 3  # angles of an orientation
+_YASKAWA = ("S", "L", "U", "R", "B", "T")
 _LARGEST_RAD = 2.0 * np.pi + 0.1
 _LONGEST_SLIDE_M = 20.0
 _MOMENTS = 1e8  # seconds since 1970 and larger: a date
@@ -79,7 +80,7 @@ def joint_columns(
     raw = _match_by_name(names, joints) or _match_by_cells(names, data, joints) or _match_by_number(names, len(joints))
     called = None if raw is not None or joints else _called_joints(names)
     if raw is None and called is None and not joints:
-        raw = _in_angles(names)
+        raw = _in_angles(names) or _by_letters(names)
     named = tuple(joints) or tuple(f"joint{number}" for number in range(1, len(raw or ()) + 1))
     if called is not None:
         raw, named = called, tuple(bare_and_unit(name)[0] for name in called)
@@ -168,6 +169,13 @@ def _in_angles(names: Sequence[str]) -> tuple[str, ...] | None:
     return runs[0] if len(runs) == 1 and _ORIENTATION < len(runs[0]) <= _MOST else None
 
 
+def _by_letters(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the columns S, L, U, R, B, T, the joints of Yaskawa's arms from the base on; T is then no time."""
+    bare = [bare_and_unit(name)[0].strip() for name in names]
+    is_clear = all(bare.count(letter) == 1 for letter in _YASKAWA)
+    return tuple(names[bare.index(letter)] for letter in _YASKAWA) if is_clear else None
+
+
 @dataclass(frozen=True)
 class JointReadings:
     """Keys of [files.configurations] for joint readings, their description, and statements to confirm."""
@@ -184,7 +192,11 @@ def configurations_of_joints(
     joints_found = joint_columns(names, data, values, joints)
     if joints_found is None:
         return None
-    columns_of_meaning = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
+    columns_of_meaning = {
+        key: raw
+        for key, raw in meant.items()
+        if key in ("pose", "role", "time_s", "temperature_c") and raw not in joints_found.raw
+    }
     columns_of_meaning |= _temperature(names, columns_of_meaning)
     units = joints_found.other_units()
     if "time_s" in columns_of_meaning:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pandas as pd
 
+from truing.belonging.relation import RelationState
 from truing.report.heads import MODEL_OF_LEGS, Head
 from truing.report.numbers import count_text, plain, quantity, sign
 from truing.report.page import Listing, ReportSection
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, reason, table_or_none
+from truing.schemas.verdict import BY_A_FACTOR, ReasonCode, does_not_fit
 
 _TITLE = "A second campaign of the same machine"
 _ARTIFACT = "second_campaign_errors"
+_NOMINAL = "nominal"
 
 
 def transfer(tables: Tables) -> ReportSection | None:
@@ -23,9 +29,82 @@ def transfer(tables: Tables) -> ReportSection | None:
     return ReportSection("transfer", _TITLE, _opening_sentences(errors), listings=(_listing(errors),))
 
 
+def transfer_verdict(tables: Tables, verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Return the verdict on the models' predictions of a second campaign; None where the campaign names none."""
+    if _ARTIFACT not in tables:
+        return None
+    errors = table_or_none(tables, _ARTIFACT)
+    if errors is None:
+        why = f"Not evaluated: {reason(tables, _ARTIFACT)}"
+        return SectionVerdict("transfer", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, why)
+    return verdict_elsewhere(errors)
+
+
+def verdict_elsewhere(errors: pd.DataFrame) -> SectionVerdict:
+    """Return the verdict on rows of second_campaign_errors.parquet.
+
+    A model fails where it predicts any quantity worse than the nominal one. Else the smallest error decides: of the
+    best model, in the quantity that most of them predict.
+    """
+    fitted = errors[errors["prediction_by"] != _NOMINAL]
+    if (worse := _worst(fitted, errors)) is not None:
+        row, nominal = worse
+        sizes = f"{quantity(row['rms_error'], row['unit'])} rms, nominal {quantity(nominal, row['unit'])}"
+        text = (
+            f"The {row['prediction_by']} model predicts {row['campaign']} worse than the nominal one: "
+            f"{row['quantity']} {sizes}. Do not use it there.{_range_words(row)}"
+        )
+        ratio = float(row["rms_error"] / nominal)
+        return SectionVerdict("transfer", RelationState.FAILS, ReasonCode.WORSE_ELSEWHERE, text, ratio, "1", 1.0)
+    rows = errors[errors["quantity"] == _most_predicted(errors)]
+    best = rows.loc[rows["rms_error"].idxmin()]
+    noise = best["noise_rms"]
+    if noise != noise or not noise > 0.0:
+        text = _opening_sentences(errors)
+        return SectionVerdict("transfer", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
+    ratio = float(best["rms_error"] / noise)
+    error = f"{best['quantity']} {quantity(best['rms_error'], best['unit'])} rms by the {best['prediction_by']} model"
+    alone = f"noise alone gives {quantity(noise, best['unit'])}."
+    if ratio > BY_A_FACTOR:
+        text = f"No model predicts {best['campaign']} to its noise: {error}, where {alone}{_range_words(best)}"
+        code = ReasonCode.BEYOND_NOISE_ELSEWHERE
+        return SectionVerdict("transfer", RelationState.ATTENTION, code, text, ratio, "1", BY_A_FACTOR)
+    code = ReasonCode.PREDICTS_ELSEWHERE
+    text = f"{error[0].upper()}{error[1:]} in {best['campaign']}; {alone}"
+    return SectionVerdict("transfer", RelationState.OK, code, text, ratio, "1", BY_A_FACTOR)
+
+
+def _worst(fitted: pd.DataFrame, errors: pd.DataFrame) -> tuple[pd.Series, float] | None:
+    """Return the row that is worse than the nominal model by the largest factor, with the nominal error; None if none
+    is."""
+    nominal = errors[errors["prediction_by"] == _NOMINAL].set_index("quantity")["rms_error"]
+    found = None
+    for _, row in fitted.iterrows():
+        p, base = row.get("p_worse"), nominal.get(row["quantity"])
+        if p is None or p != p or not base:
+            continue
+        ratio = row["rms_error"] / base
+        if does_not_fit(p, ratio) and (found is None or ratio > found[0]):
+            found = ratio, row, float(base)
+    return None if found is None else found[1:]
+
+
+def _range_words(row: pd.Series) -> str:
+    """Return the number of values at readings that the fitted poses do not reach; empty for none."""
+    beyond = row.get("beyond_range")
+    if beyond is None or beyond != beyond or not beyond:
+        return ""
+    of = count_text(int(row["count"]), "value")
+    return f" {int(beyond):,} of {of} were measured at readings outside the range of the fitted poses."
+
+
+def _most_predicted(errors: pd.DataFrame) -> str:
+    return str(errors["quantity"].value_counts(sort=False).idxmax())
+
+
 def _opening_sentences(errors: pd.DataFrame) -> str:
     """Return the errors of the first quantity that most models predict, compared with noise."""
-    rows = errors[errors["quantity"] == errors["quantity"].value_counts(sort=False).idxmax()]
+    rows = errors[errors["quantity"] == _most_predicted(errors)]
     first = rows.iloc[0]
     sizes = ", ".join(f"{r.prediction_by} {quantity(r.rms_error, r.unit)}" for r in rows.itertuples())
     noise = first["noise_rms"]

@@ -27,6 +27,7 @@ _ASSESSED_BY = (
     "truing.report.diagnosis.pulls:pulls_verdict",
     "truing.report.calibration.section:calibration_verdict",
     "truing.report.sensor.calibration:calibration_verdict",
+    "truing.report.transfer_section:transfer_verdict",
     "truing.report.calibration.requirements:requirements_verdict",
     "truing.report.sensor.positioning:positioning_verdict",
     "truing.report.diagnosis.pulls:changes_verdict",
@@ -36,7 +37,17 @@ _ASSESSED_BY = (
 )
 # Order where nothing fails: the completeness of the model, then findings.
 _LEADS = (
-    *("adequacy", "diagnosis", "simulation", "positioning", "pulls", "calibration", "requirements", "changes"),
+    *(
+        "adequacy",
+        "diagnosis",
+        "simulation",
+        "positioning",
+        "pulls",
+        "calibration",
+        "transfer",
+        "requirements",
+        "changes",
+    ),
     *("belonging", "quality", "poses"),
 )
 # Sections on the state of the machine: without any of them a campaign is not tested, however good its data are.

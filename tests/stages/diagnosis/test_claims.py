@@ -23,14 +23,14 @@ from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointScatter, JointsExchanged
-from truing.simulation.mechanisms.chains.harmonics import JointPitchError
+from truing.simulation.mechanisms.chains.harmonics import JointHarmonic, JointPitchError
 from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
 from truing.simulation.photographs.causes.refraction import Refraction
 from truing.simulation.photographs.causes.scale_bar_temperature import OneBar
-from truing.stages.diagnosis.rows import claim_of
+from truing.stages.diagnosis.rows import claim_of, with_fitted_settings
 
 OWN = (
     *causes.OWN_CAUSES,
@@ -127,3 +127,13 @@ def test_a_cause_of_a_lab_s_own_brings_its_words():
     claim = claim_of(LegsTooLong(), 6)
     assert clause(claim) == LegsTooLong.says
     assert confirming(claim, LegsTooLong.confirm).words == "Measure a leg."
+
+
+def test_a_searched_order_is_named_as_fitted() -> None:
+    cause = JointHarmonic("j2", order=81.0, beside=4.0, free=True)
+    claim, values = claim_of(cause, 3), np.array([1e-4, 0.0, -1.25])
+    fitted = cause.order_at(values)
+    assert abs(fitted - 81.0) > 1.0
+    reported = {p.name: {"value": p.value} for p in cause.reported(values, 1e-4 * np.eye(3), 3)}
+    assert with_fitted_settings(claim, reported).settings == {**claim.settings, "order": fitted}
+    assert f"{fitted:.4g} times per turn" in clause(with_fitted_settings(claim, reported))
