@@ -28,6 +28,9 @@ _FLOOR_DRAWS = 24
 _WORSE, _EPOCHS_OF_NOISE = 0.006, 10
 # Regularisation of the fit to an epoch that lacks channels, in units of the noise.
 _HELD = 1e-3
+# Ratio of an error to its noise floor, and probability by chance, from which a model is incomplete; and the fewest
+# epochs from which this is decided.
+_CLEARLY, _RARE, _FEWEST_EPOCHS = 1.1, 1e-2, 8
 _MOST_SENSITIVITIES = 5e7  # numbers, of predicted coordinates to shared unknowns
 
 
@@ -222,6 +225,28 @@ class NoiseFloor:
         """Return the root mean square per coordinate of some channels."""
         count = self.observations[channels]
         return float(np.sqrt(np.sum(self.square[channels] * count) / max(count.sum(), 1)))
+
+
+def is_beyond_floor(error: PredictionError[CauseT], floor: NoiseFloor) -> bool:
+    """Return True if a prediction error exceeds its noise floor by 10 %, and by more than chance does once in 100
+    campaigns.
+
+    Either the declared noise is wrong or an effect is missing. Each channel counts in units of its floor. Errors of one
+    epoch have parts in common: how many independent numbers an epoch holds follows from the scatter of its mean square.
+    """
+    from scipy.special import chdtrc
+
+    known = error.is_observed & (floor.square > 0.0)
+    counts = known.sum(1)
+    epochs = counts > 0
+    if epochs.sum() < _FEWEST_EPOCHS:
+        return False
+    mean_squares = np.sum(error.gap**2, 2) / error.measured.size / np.where(floor.square > 0.0, floor.square, 1.0)
+    squares = np.sum(np.where(known, mean_squares, 0.0), 1)[epochs] / counts[epochs]
+    total, spread = float(np.average(squares, weights=counts[epochs])), float(squares.std(ddof=1))
+    independent = max(1.0, 2.0 * (float(squares.mean()) / spread) ** 2) if spread > 0.0 else 1.0
+    freedom = independent * len(squares)
+    return total > _CLEARLY**2 and bool(chdtrc(freedom, freedom * total) < _RARE)
 
 
 @dataclass(frozen=True)

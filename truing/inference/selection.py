@@ -26,6 +26,7 @@ from truing.inference.model import CampaignModel, CauseT, ConditionsLike, Condit
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.noise_selection import NoiseSelection
 from truing.inference.observations import Epochs
+from truing.inference.prediction import is_beyond_floor
 from truing.inference.rounds import Round
 from truing.inference.scatter import FoundScatter
 from truing.inference.search import Search
@@ -194,6 +195,7 @@ class CauseSelection(Generic[CauseT]):
         is_noisier = bool(noisy) or noise.p_value <= settings.noise_level
         is_noisier |= any(self._exceeds_declared(dependence, final) for dependence in accounted.noise_dependences)
         holds = accounted.searched.end.is_complete and adequacy.p_value > settings.doubted_level and not is_noisier
+        holds = holds and not is_beyond_floor(final.error, final.floor)
         return _Left(noise, noisy, adequacy, is_noisier, holds)
 
     def _exceeds_declared(self, dependence: NoiseDependence, final: FittedModel[CauseT]) -> bool:

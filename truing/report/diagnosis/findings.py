@@ -14,7 +14,7 @@ DECLARED_NOISE, SCATTER_OF_REPEATS = "the declared noise", "the scatter of repea
 UNNAMED = ", and no cause of the catalogue explains it better"
 # Reasons why a cause is only suspected, by reason code.
 DOUBTS = {
-    "inadequate": "the model with all accepted causes fails a test as a whole, so it may be incomplete",
+    "inadequate": "the model with all accepted causes leaves more than noise or fails a test: it may be incomplete",
     "unnamed": "the data also show an effect that no catalogued cause explains, and this may be a part of it",
     "alternative": "other causes, or an effect without a name, may explain the same",
     "assumed": "it takes unknown centres of mass at the origins of their links; declare com_mm or payload_com_mm",
