@@ -45,9 +45,10 @@ QUALITY_COLUMNS = (
         "why the search for causes stopped: no significant cause is left (complete); eight or more causes were "
         "accepted, and no other one is known to predict held-out epochs better (most-causes), or further fits would "
         "take too long (time); or three unnamed effects were accepted and more is significant (unnamed-effects), or "
-        "two sudden changes of one part, and the next is one more (events)",
+        "two sudden changes of one part, and the next is one more (events); or the significant causes that are left "
+        "predict held-out epochs worse (refused)",
         nullable=True,
-        choices=("complete", "most-causes", "unnamed-effects", "events", "time"),
+        choices=("complete", "most-causes", "unnamed-effects", "events", "time", "refused"),
     ),
     text("left_cause", "cause that would be accepted next; empty if there is none", nullable=True),
     text("left_subject", "subject of left_cause; empty for the whole, or if there is none", nullable=True),

@@ -14,7 +14,7 @@ from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.schemas.covariates import column_alias
-from truing.simulation.inputs import ORDER, between_neighbours, is_row_number, order_in_time
+from truing.simulation.inputs import ORDER, TIME, between_neighbours, is_row_number, numbers_rows, order_in_time
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels, movements
 from truing.simulation.mechanisms.chains.joint_table import joint_columns, motor_column
 from truing.simulation.mechanisms.chains.tree import Tree
@@ -204,6 +204,8 @@ def chain_conditions(
         for field in table.schema
         if field.name not in left_out and str(field.type) in ("double", "int64")
     }
+    kept = {TIME, *(column_alias(column.name) for column in columns)}
+    covariates = {name: values for name, values in covariates.items() if name in kept or not numbers_rows(values)}
     time = covariates.get("time_s")
     covariates[ORDER] = order_in_time(time, len(poses))
     if time is not None and is_row_number(time):

@@ -15,9 +15,11 @@ from truing.simulation.inputs import (
     RATE,
     RELAXING,
     STOPPED,
+    TIME,
     approach,
     fading_sum,
     histories,
+    numbers_rows,
     order_in_time,
     rates,
     relaxing_states,
@@ -49,6 +51,7 @@ def pose_conditions(
         for field in configurations.schema
         if field.name not in ("pose", "role", *names) and _is_number(field.type)
     }
+    covariates = {name: values for name, values in covariates.items() if name == TIME or not numbers_rows(values)}
     time = covariates.get("time_s")
     covariates[ORDER] = order_in_time(time, len(poses))
     if time is not None:

@@ -11,6 +11,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.schemas.covariates import column_alias
+from truing.simulation.inputs import numbers_rows
 from truing.stages.common.point_arrays import number_column, number_columns
 
 LOAD_COLUMNS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
@@ -66,6 +67,8 @@ def _common(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int)
             _complete(arrays, name, rows, number_column(table, name), count)
         for name, column in covariates.items():
             values = number_column(table, name)
+            if kind == "signals" and numbers_rows(values):
+                continue
             differing = _columns_differ(arrays.get(column), rows, values)
             _complete(arrays, f"{kind}.{column}" if differing else column, rows, values, count)
         if "role" in table.schema.names:

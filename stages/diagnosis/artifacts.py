@@ -129,7 +129,8 @@ def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule
     final = diagnosis.final
     rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
     unit = sign(shown.unit)
-    left = f"{two_decimals(rms)} {unit}, noise floor {two_decimals(floor)} {unit}"
+    left = f"{two_decimals(rms)} {unit}"
+    left += ", noise not declared" if floor is None else f", noise floor {two_decimals(floor)} {unit}"
     if not diagnosis.end.is_complete:
         left += f"; the search stopped after {count_text(diagnosis.end.accepted, 'cause')}, other effects remain"
     elif diagnosis.adequacy.p_value <= rule.doubted_level:

@@ -28,7 +28,7 @@ from truing.simulation.bodies.measured_bodies import (
     measured_body,
 )
 from truing.simulation.bodies.model import BodyModel, KnownBodies
-from truing.simulation.inputs import approach, order_in_time
+from truing.simulation.inputs import TIME, approach, numbers_rows, order_in_time
 from truing.simulation.targets import shape_unknowns
 from truing.stages.common.blocks import groupings_of, labels_of, readings_of, repeats_of, selected_groupings
 from truing.stages.common.missing_data import (
@@ -202,7 +202,8 @@ def known_of_poses(
             if field.name not in ("pose", "role") and str(field.type) in ("double", "int64"):
                 values = np.full(len(poses), np.nan)
                 values[index[index >= 0]] = number_column(table, field.name)[index >= 0]
-                covariates[column_alias(field.name)] = values
+                if field.name == TIME or field.name in drives or not numbers_rows(values):
+                    covariates[column_alias(field.name)] = values
     time = covariates.get("time_s")
     if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):
         del covariates["time_s"]  # numbers of rows, and no seconds

@@ -37,7 +37,8 @@ class ReportedRms:
 
     Words for the page: ``what`` was measured, an ``epoch``, ``fitted`` and ``held_out`` data, the ``drive``
     of the predictions, the expected ``noise``, and a measurement of the ``scatter`` by itself. ``is_length``: whether
-    an effect moves anything by a length or an angle.
+    an effect moves anything by a length or an angle. ``is_noise_known``: False if the noise is the scatter about the
+    plain model, so that errors cannot be compared with it.
     """
 
     unit: str = "um"
@@ -51,15 +52,16 @@ class ReportedRms:
     epoch: str = "pose"
     noise: str = DECLARED_NOISE
     is_length: bool = True
+    is_noise_known: bool = True
 
     def rms(self, error: PredictionError | None) -> float | None:
         """Root mean square of an error, None if nothing was measured."""
         rms = None if error is None else error.rms_of(self.targets)
         return None if rms is None else rms / self.si
 
-    def floor(self, floor: NoiseFloor) -> float:
-        """Root mean square by noise alone."""
-        return floor.rms_of(self.targets) / self.si
+    def floor(self, floor: NoiseFloor) -> float | None:
+        """Root mean square by noise alone; None if the noise is not known."""
+        return floor.rms_of(self.targets) / self.si if self.is_noise_known else None
 
     def largest_motion(self, before: PredictionError, after: PredictionError) -> float | None:
         """Largest change of any prediction by an effect; None if it is no length."""
@@ -110,6 +112,7 @@ class Channels:
     scatter: str = _SCATTER
     what: str = "reading"
     noise: str = DECLARED_NOISE
+    is_noise_known: bool = True
 
     def of_effect(self, before: PredictionError, after: PredictionError) -> ReportedRms:
         """Reporting of an effect: over the channels of one unit that it moves; signals if it moves no reading."""
@@ -137,7 +140,8 @@ class Channels:
             unit = self.units[0]
         members = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
         words = (self.fitted, self.held_out, self.drive, self.scatter, self.what, self.epoch, self.noise)
-        return ReportedRms(unit, float(self.si[members[0]]), members, *words)
+        si = float(self.si[members[0]])
+        return ReportedRms(unit, si, members, *words, is_noise_known=self.is_noise_known)
 
 
 @dataclass(frozen=True)

@@ -110,6 +110,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
             np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)]),
             np.arange(len(units)) >= len(CHANNELS),
             held_out="held-out runs" if held_out.any() else _left_out_in_turn(steps.run[fitted]),
+            is_noise_known=settings.noise.signal_mv is not None or bool(is_observed[:, : len(CHANNELS)].any()),
         ),
         relation=Relation.LOADS_READINGS if is_observed[:, : len(CHANNELS)].any() else Relation.LOADS_SIGNALS,
     )

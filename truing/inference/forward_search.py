@@ -22,7 +22,7 @@ from truing.inference.onset_search import onset_interval
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import RIVAL_FACTOR, Round, score_round
 from truing.inference.search import CauseCandidate, Search
-from truing.inference.search_end import EndOfSearch, FurtherCauses
+from truing.inference.search_end import EndOfSearch, FurtherCauses, SearchEnd
 from truing.inference.several_names import cancel, several_for_one
 from truing.inference.verdicts import REJECTED, Reason, Verdict, first_order, verdict_on_known_cause
 
@@ -201,6 +201,9 @@ class ForwardSearch(Generic[CauseT]):
             limit = further.limit([step.cause for step in found], current.fitted, next_cause)
             if limit is not None or chosen is None:
                 left = chosen or choose(current, known_worse, self.settings.level, pairs=pairs)
+                if left is None and known_worse:
+                    left = choose(current, set(), self.settings.level, pairs=pairs)
+                    limit = limit if left is None else SearchEnd.REFUSED
                 cause_left = None if left is None else left.candidate.cause
                 return found, worse, further.end(limit, len(found), current, cause_left)
             if together and not chosen.candidate.cause.catalogued:

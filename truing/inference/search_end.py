@@ -33,6 +33,7 @@ class SearchEnd(StrEnum):
     MOST_CAUSES = "most-causes"  # MANY_CAUSES or more were accepted, and no other one is known to predict better
     UNNAMED_EFFECTS = "unnamed-effects"  # MOST_UNNAMED were accepted, and another candidate is significant
     EVENTS = "events"  # MOST_EVENTS of a part were accepted, and the next candidate is one more
+    REFUSED = "refused"  # the remaining significant candidates predict held-out epochs worse
     TIME = "time"  # further causes would take too long, and another candidate is significant
 
 

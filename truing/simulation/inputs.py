@@ -106,6 +106,11 @@ def is_row_number(time: NDArray) -> bool:
     return bool((np.diff(np.sort(time)) == 1.0).all())
 
 
+def numbers_rows(values: NDArray) -> bool:
+    """Return True if a column (B,) counts its rows, such as a running number: it says no more than their order."""
+    return len(values) > 1 and bool((np.diff(values) == 1.0).all())
+
+
 def ranks(order: NDArray) -> NDArray:
     """Return the rank (B,) of each epoch, from 0, by its order in time (B,); equal values keep their sequence."""
     return np.asarray(np.argsort(np.argsort(order, kind="stable")))

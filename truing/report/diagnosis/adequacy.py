@@ -44,6 +44,7 @@ _WHY_ENDED = {
     "most-causes": "because no further cause is known to improve the prediction of held-out measurements",
     "time": "because a search for further causes would take too long",
     "unnamed-effects": "because too many effects match no catalogued cause",
+    "refused": "because this candidate predicts held-out measurements worse",
     "events": "because a third sudden change of the same part is less probable than an unknown effect",
 }
 _WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeated"}

@@ -76,7 +76,7 @@ class Facts:
     rms_before: float | None
     rms_after: float | None
     held_out: tuple[float | None, float | None]
-    floor: float
+    floor: float | None
     reason_code: str
     rival: str
     detectable: str  # detectable size in words; empty where none is known
@@ -261,6 +261,8 @@ def _improvement(facts: Facts) -> str:
     before, after = facts.held_out
     if before is not None and after is not None:
         text += f" ({facts.held_out_words}: {two_decimals(after)} and {two_decimals(before)} {unit})"
+    if facts.floor is None:
+        return f"{text}."
     noise = "noise and the scatter found here give" if facts.floor_has_scatter else "noise alone gives"
     return f"{text}; {noise} {two_decimals(facts.floor)} {unit}."
 
@@ -335,7 +337,7 @@ class NoiseFacts:
     ratio: float
     sigma: float
     rms: float | None
-    floor: float
+    floor: float | None
     unit: str = "um"
     inputs: Sequence[str] = ()
     channel: str = ""
@@ -345,7 +347,7 @@ class NoiseFacts:
 def noise_explanation(facts: NoiseFacts) -> str:
     """Return the sentences on noise that is larger than declared, or that differs between places."""
     missed = ""
-    if facts.rms is not None:
+    if facts.rms is not None and facts.floor is not None:
         by_noise = f"the noise as estimated here gives {two_decimals(facts.floor)} {facts.unit}"
         missed = f" The rms error of predictions is {two_decimals(facts.rms)} {facts.unit}; {by_noise}."
     size = with_uncertainty(facts.ratio, facts.sigma)
