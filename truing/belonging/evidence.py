@@ -8,7 +8,8 @@ import numpy as np
 
 from truing.arrays import Array
 
-_LEVELS = 48  # noise levels tried per octave span; the evidence is smooth in its logarithm
+# Noise levels tried, as shares of the span of their logarithms, in which the evidence is smooth.
+_SHARES = np.linspace(0.0, 1.0, 48)
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,12 @@ def log_evidence(misfit: Array, known: Physics, floor: float, ceiling: float = n
     are kept, so evidences of hypotheses about the same N numbers are comparable.
     """
     explained = misfit @ known.left
-    rest = np.maximum(np.sum(misfit**2, -1) - np.sum(explained**2, -1), 0.0)
+    squares = np.sum(misfit**2, -1)
+    rest = np.maximum(squares - np.sum(explained**2, -1), 0.0)
     count, free = misfit.shape[-1], misfit.shape[-1] - len(known.size)
-    top = max(float(np.sqrt(np.mean(misfit**2, -1)).max(initial=0.0)), floor) * 2.0
-    levels = np.geomspace(floor, min(max(top, 2.0 * floor), ceiling), _LEVELS)
-    variance = known.size**2 + levels[:, None] ** 2
-    fixed = -0.5 * (np.log(variance).sum(-1) + 2.0 * free * np.log(levels) + count * np.log(2.0 * np.pi))
-    spent = np.tensordot(explained**2, 1.0 / variance, axes=(-1, -1)) + rest[..., None] / levels**2
+    top = max(float(np.sqrt(squares.max(initial=0.0) / max(count, 1))), floor) * 2.0
+    levels = floor * (min(max(top, 2.0 * floor), ceiling) / floor) ** _SHARES  # as geomspace, without checks
+    variance = known.size[:, None] ** 2 + levels**2  # (K, levels)
+    fixed = -0.5 * (np.log(variance).sum(0) + 2.0 * free * np.log(levels) + count * np.log(2.0 * np.pi))
+    spent = explained**2 @ (1.0 / variance) + rest[..., None] / levels**2
     return np.asarray((fixed - 0.5 * spent).max(-1))

@@ -206,11 +206,14 @@ def _places(links: NDArray, measured: NDArray, enough: float) -> tuple[Array, Ar
     The search ends with the first that leave at most ``enough``, rad, and improves it until it converges.
     """
     candidates: list[tuple[float, tuple[Array, Array]]] = []
-    for tool in _starts():
-        frames = _fitted(links, measured, tool)
-        candidates.append((_rms(_angles(frames, links, measured)), frames))
-        if candidates[-1][0] <= enough:
-            return _fitted(links, measured, frames[1], _MOST_ROUNDS)
+    first, *others = _starts()  # the first is often enough; the others are fitted at once
+    for tools in (first[None], np.stack(others)):
+        bases, tools = _fitted(links, measured, tools)
+        for frames in zip(bases, tools, strict=True):
+            candidates.append((_rms(_angles(frames, links, measured)), frames))
+            if candidates[-1][0] <= enough:
+                bases, tools = _fitted(links, measured, frames[1][None], _MOST_ROUNDS)
+                return bases[0], tools[0]
     return min(candidates, key=lambda candidate: candidate[0])[1]
 
 
@@ -230,17 +233,23 @@ def _turned(orientations: NDArray) -> Array:
     return np.asarray(np.einsum("bij,bij->b", orientations[:-1], orientations[1:]))
 
 
-def _fitted(links: NDArray, measured: NDArray, tool: Array, rounds: int = _ROUNDS) -> tuple[Array, Array]:
-    """Return base and tool after alternating Procrustes fits from a rotation of the tool."""
-    base, last = np.eye(3), np.inf
+def _fitted(links: NDArray, measured: NDArray, tools: Array, rounds: int = _ROUNDS) -> tuple[Array, Array]:
+    """Return bases and tools (n, 3, 3) after alternating Procrustes fits from each of n rotations of the tool."""
+    bases, tools = np.broadcast_to(np.eye(3), tools.shape).copy(), tools.copy()
+    moving, last = np.arange(len(tools)), np.full(len(tools), np.inf)
+    # The sums over orientations of measured @ (links @ tool).T and of (base @ links).T @ measured, as products.
+    of_base = np.einsum("bij,bkl->ikjl", measured, links).reshape(9, 9)
+    of_tool = of_base.reshape(3, 3, 3, 3).transpose(3, 2, 0, 1).reshape(9, 9)
     for _ in range(rounds):
-        base = _nearest(np.einsum("bij,bkj->ik", measured, links @ tool))
-        tool = _nearest(np.einsum("bji,bjk->ik", base @ links, measured))
-        now = float(np.sum((base @ links @ tool - measured) ** 2))
-        if last - now < 1e-9 * now:
+        base = _nearest((of_base @ np.swapaxes(tools[moving], 1, 2).reshape(-1, 9).T).T.reshape(-1, 3, 3))
+        tool = _nearest((of_tool @ base.reshape(-1, 9).T).T.reshape(-1, 3, 3))
+        bases[moving], tools[moving] = base, tool
+        now = np.sum((base[:, None] @ links @ tool[:, None] - measured) ** 2, axis=(1, 2, 3))
+        goes_on = last - now >= 1e-9 * now
+        moving, last = moving[goes_on], now[goes_on]
+        if not len(moving):
             break
-        last = now
-    return base, tool
+    return bases, tools
 
 
 def _starts() -> list[Array]:
@@ -254,8 +263,10 @@ def _starts() -> list[Array]:
 
 
 def _nearest(total: NDArray) -> Array:
+    """Return the rotations (..., 3, 3) nearest to matrices."""
     left, _, right = np.linalg.svd(total)
-    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+    left[..., 2] *= np.linalg.det(left @ right)[..., None]
+    return np.asarray(left @ right)
 
 
 def _spread(turned: NDArray) -> float:

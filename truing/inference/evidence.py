@@ -7,6 +7,7 @@ single scale decides. The noise level is free, with the declared noise as prior.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
@@ -36,13 +37,34 @@ def log_evidence(
     ``along`` (..., r): parts of a residual along directions of strengths (..., r); ``total`` (...): its sum of squares;
     ``freedom``: its degrees of freedom, including those of the declared noise; ``sizes``: equally probable ones.
     """
-    power = np.multiply.outer(strengths**2, np.square(sizes))  # (..., r, sizes)
-    before = np.asarray(total)[..., None]
-    after = before - np.sum(np.square(along)[..., None] * (power / (1.0 + power)), -2)
-    after = np.maximum(after, _LEAST_LEFT * before)  # rounding may make an almost complete reduction negative
-    logs = -0.5 * np.sum(np.log1p(power), -2) - freedom / 2.0 * np.log(after / before)
-    largest = logs.max(-1, keepdims=True)
-    return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))
+    return sized_effect(strengths, sizes).log_evidence(along, total, freedom)
+
+
+@dataclass(frozen=True)
+class SizedEffect:
+    """An effect of S equally probable sizes, as far as it does not depend on residuals.
+
+    ``shares`` (..., r, S): shares of the squares along its directions that it explains; ``log_volumes`` (..., S): half
+    the log determinants of the covariance with it, in units of that without it.
+    """
+
+    shares: Array
+    log_volumes: Array
+
+    def log_evidence(self, along: Array, total: Array | float, freedom: float) -> Array:
+        """Return the log ratio (...) of `log_evidence` for parts (..., r) of a residual with squares ``total``."""
+        before = np.asarray(total)[..., None]
+        after = before - (np.square(along)[..., None, :] @ self.shares)[..., 0, :]
+        after = np.maximum(after, _LEAST_LEFT * before)  # rounding may make an almost complete reduction negative
+        logs = -self.log_volumes - freedom / 2.0 * np.log(after / before)
+        largest = logs.max(-1, keepdims=True)
+        return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))
+
+
+def sized_effect(strengths: Array, sizes: Sequence[float]) -> SizedEffect:
+    """Return the effect with directions of strengths (..., r) for each of equally probable ``sizes``."""
+    power = np.multiply.outer(strengths**2, np.square(sizes))  # (..., r, S)
+    return SizedEffect(power / (1.0 + power), 0.5 * np.sum(np.log1p(power), -2))
 
 
 def log_evidence_of_products(

@@ -14,11 +14,9 @@ from typing import TypeAlias
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.evidence import log_evidence
 from truing.inference.input_spectra import Spectra, Spectrum
 from truing.inference.random_functions import centred
 
-EFFECT_SIZES = (10.0, 10 / 3, 10 / 9, 1 / 3, 1 / 9)  # plausible sizes of an effect, in units of the noise
 _MOST_INPUTS = 3  # of a set
 Inputs: TypeAlias = tuple[str, ...]  # names of a set of inputs
 
@@ -96,7 +94,8 @@ def _log_evidence(rest: Array, spectra: Spectra, inputs: Inputs) -> Array:
     """Return the log evidence (q,) of a dependence on a set of inputs, column by column of residuals (n, q)."""
     # Few columns depend on anything: about the root of their number.
     responds = 1.0 / (1.0 + np.sqrt(rest.shape[1]))
-    by_spectrum = [log_evidence_of_spectrum(rest, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
+    total = np.sum(rest**2, 0)
+    by_spectrum = [_log_evidence_of(rest, total, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
     if not by_spectrum:
         return np.zeros(rest.shape[1])
     mean = np.logaddexp.reduce(by_spectrum, axis=0) - np.log(len(by_spectrum))
@@ -105,8 +104,12 @@ def _log_evidence(rest: Array, spectra: Spectra, inputs: Inputs) -> Array:
 
 def log_evidence_of_spectrum(rest: Array, spectrum: Spectrum, freedom: int) -> Array:
     """Return the log evidence (q,) of a random function over noise, column by column of residuals (n, q)."""
-    along = spectrum.along(rest).T
-    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, EFFECT_SIZES)
+    return _log_evidence_of(rest, np.sum(rest**2, 0), spectrum, freedom)
+
+
+def _log_evidence_of(rest: Array, total: Array, spectrum: Spectrum, freedom: int) -> Array:
+    """Return `log_evidence_of_spectrum` of residuals (n, q) with sums of squares (q,)."""
+    return spectrum.of_sizes.log_evidence(spectrum.along(rest).T, total, freedom)
 
 
 def probability_of(name: str, odds: Mapping[Inputs, float]) -> float:

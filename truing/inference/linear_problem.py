@@ -170,7 +170,8 @@ class Whitened:
         """Products (G, G) of the rows' columns; columns of few epochs are multiplied only there."""
         if self.whole is None:
             return self.compact.gram
-        return np.asarray(self._informative_rows.T @ self._informative_rows)
+        rows = self._informative_rows  # the same array twice: half of the symmetric product is computed
+        return np.asarray(rows.T @ rows)
 
     @property
     def normal_matrix(self) -> Array:
@@ -365,6 +366,10 @@ class Whitened:
 
     def covariance(self) -> Array:
         """Return the covariance (G, G) of the shared unknowns, in prior sigmas squared."""
+        return self._covariance
+
+    @cached_property
+    def _covariance(self) -> Array:
         return self._inverse @ self._inverse.T
 
     def covariance_from(self, rows: Mapping[str, Mask], place: slice) -> dict[str, Array]:

@@ -15,8 +15,8 @@ import numpy as np
 
 from truing.inference.arrays import Array
 from truing.inference.evidence import log_evidence_of_products
-from truing.inference.input_sets import EFFECT_SIZES, INCLUDED, Inputs, odds_of_sets, probability_of
-from truing.inference.input_spectra import Spectra
+from truing.inference.input_sets import INCLUDED, Inputs, odds_of_sets, probability_of
+from truing.inference.input_spectra import EFFECT_SIZES, Spectra
 from truing.inference.part_errors import PartErrors, PartProblem
 
 _MOST_FOUND = 6  # dependences that are found in turn

@@ -182,7 +182,7 @@ class BodyModel(RecordedModel):
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones on request."""
-        recording = self._recording(shared, local)
+        recording = self.recording(shared, local)
         by_local = np.zeros((*recording.state.points.shape, self.local_size))
         for body, channels, slope in self._by_pose(shared, local, recording):
             if body in self._local:
@@ -216,7 +216,7 @@ class BodyModel(RecordedModel):
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[PointCause], dict[str, NDArray]]:
         """Return the function from a cause to its change of the pathway ``observed``, (B or 1, 3 K, P), per
         plausible scale."""
-        recording = self._recording(shared, local)
+        recording = self.recording(shared, local)
 
         def found(cause: PointCause) -> dict[str, NDArray]:
             reported = designs(recording, cause, self.effect_scale(cause))

@@ -309,7 +309,7 @@ class MechanismModel(RecordedModel):
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones on request."""
-        recording = self._recording(shared, local)
+        recording = self.recording(shared, local)
         points = self._with_errors(recording.state.points, shared, local)
         slopes = self._by_shared(shared, recording) if by_shared else None
         return self._prediction(shared, points, slopes, self._by_local(recording))
@@ -342,7 +342,7 @@ class MechanismModel(RecordedModel):
         Pathways: ``rho``, ``l``, ``delta_bz`` (n = L), and a, b, u (n = 3 L, leg by leg); those that the closure has. A
         cause on a pathway acts after all effects in force of its step: drive for rho, structure for the others.
         """
-        recording, count = self._recording(shared, local), self.nominal.count
+        recording, count = self.recording(shared, local), self.nominal.count
         structure = recording.forward_pass.subsequent_effects(None, Step.STRUCTURE)
         derivatives = {}
         for name in ("rho", "delta_bz", *self.nominal.closure.geometry):
@@ -357,12 +357,12 @@ class MechanismModel(RecordedModel):
 
         Moved targets are on the pathway ``observed``, n = 3 K, whose derivative is the identity.
         """
-        recording = self._recording(shared, local)
+        recording = self.recording(shared, local)
         return lambda cause: designs(recording, cause, self.effect_scale(cause))
 
     def pose_derivatives(self, shared: NDArray, local: NDArray) -> tuple[NDArray, NDArray]:
         """Return the platform's twist per shared (B, 6, G) and per local (B, 6, H) unknown."""
-        recording = self._recording(shared, local)
+        recording = self.recording(shared, local)
         forward_pass = recording.forward_pass
         by_shared = np.zeros((len(forward_pass.state.rho), 6, self.shared_size))
         by_local = np.zeros((len(forward_pass.state.rho), 6, self.local_size))

@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,6 +232,11 @@ def designs(recording: Recording, cause: PointCause, scale: NDArray) -> dict[str
     return design_columns
 
 
+def _equal(first: NDArray, second: NDArray) -> bool:
+    """Return True for arrays of the same type and values."""
+    return first.dtype == second.dtype and np.array_equal(first, second)
+
+
 # Part of the shared unknowns with the errors common to all photographs.
 COMMON = "photographs"
 
@@ -269,13 +274,22 @@ class RecordedModel(EffectsModel[PointCause]):
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         """Return the recording with the effects in force."""
 
+    def recording(self, shared: NDArray, local: NDArray) -> Recording:
+        """Return the recording with the effects in force; the last one is kept, for fits ask several times in a row."""
+        last = self.__dict__.get("_last_recording")
+        if last is not None and _equal(last[0], shared) and _equal(last[1], local):
+            return cast(Recording, last[2])
+        found = self._recording(shared, local)
+        self.__dict__["_last_recording"] = shared.copy(), local.copy(), found
+        return found
+
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted points (B, K, 3), m, in the model's frame."""
-        return self._with_errors(self._recording(shared, local).state.points, shared, local)
+        return self._with_errors(self.recording(shared, local).state.points, shared, local)
 
     def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the derivatives (B, K, 3, 3) of recorded points by shifts along the axes of the bodies' surveys."""
-        return self._recording(shared, local).turn
+        return self.recording(shared, local).turn
 
     @property
     def _common_sizes(self) -> dict[str, int]:

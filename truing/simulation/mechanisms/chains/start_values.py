@@ -16,6 +16,7 @@ from truing.simulation.mechanisms.chains.tree import TWIST, Tree, TreeFrames
 
 _ROUNDS = 60
 _SETTLED = 1e-10  # largest step, m and rad
+_ROUNDING = 1e-14  # relative change of a sum of squares
 _LEVER_M = 0.1  # weight of an orientation against a position
 _WEAK = 1e-7  # of a free place's prior, against residuals in m
 
@@ -97,7 +98,7 @@ class _Problem:
     free: Index
     is_base_free: bool
 
-    @property
+    @cached_property
     def _weight(self) -> Array:
         lever = np.where(self.channels.is_rotation, _LEVER_M, 1.0)
         return np.asarray(self.is_observed[..., None] * lever[:, None], float)
@@ -138,10 +139,11 @@ class _Problem:
         found[:, turned, :, 3:] = unrolled @ slope[:, None]
         return found * self.tree.above[self.channels.node, 0, None, None]
 
-    def _linearised(self, places: _Geometry) -> tuple[Array, Array]:
-        """Return the weighted derivatives (M, P) by the places, and the weighted misfit (M,)."""
-        links, turned = self._links(places), self.channels.is_rotation
-        found, of_places = self._predicted(places, links), links[0].copy()
+    def _linearised(self, places: _Geometry, links: tuple[Array, Array], found: Array) -> tuple[Array, Array]:
+        """Return the weighted derivatives (M, P) by the places, and the weighted misfit (M,).
+
+        ``links``, ``found``: the links and channels at these places, as `_links` and `_predicted` return them."""
+        turned, of_places = self.channels.is_rotation, links[0].copy()
         columns = []
         unrolled = inverse_left_jacobian_so3(found[:, turned])
         if turned.any():
@@ -158,8 +160,8 @@ class _Problem:
         weight = self._weight
         return (rows * weight[..., None]).reshape(-1, rows.shape[-1]), ((self.values - found) * weight).ravel()
 
-    def _misfit(self, places: _Geometry) -> float:
-        found = self._predicted(places, self._links(places))
+    def _misfit(self, found: Array) -> float:
+        """Return the weighted sum of squares of measured less predicted channels (B, K, 3)."""
         return float(np.sum(((self.values - found) * self._weight) ** 2))
 
     def _moved(self, places: _Geometry, step: NDArray) -> _Geometry:
@@ -179,22 +181,30 @@ class _Problem:
 
     def refined(self, places: _Geometry) -> StartValues:
         """Return the places after damped Gauss-Newton steps over all of them."""
-        damping, best = 1e-6, self._misfit(places)
+        links = self._links(places)
+        found = self._predicted(places, links)
+        damping, best, is_linearised = 1e-6, self._misfit(found), False
         for _ in range(_ROUNDS if self.is_base_free or len(self.free) else 0):
-            rows, gap = self._linearised(places)
-            normal = rows.T @ rows
-            diagonal = np.diag(normal) + _WEAK
-            step = np.linalg.solve(normal + np.diag(damping * diagonal + _WEAK**2), rows.T @ gap)
+            if not is_linearised:
+                rows, gap = self._linearised(places, links, found)
+                normal, gradient = rows.T @ rows, rows.T @ gap
+                diagonal, is_linearised = np.diag(normal) + _WEAK, True
+            step = np.linalg.solve(normal + np.diag(damping * diagonal + _WEAK**2), gradient)
             moved = self._moved(places, step)
-            now = self._misfit(moved)
+            links_there = self._links(moved)
+            found_there = self._predicted(moved, links_there)
+            now = self._misfit(found_there)
+            if best < now <= (1.0 + _ROUNDING) * best:
+                break  # at the minimum, up to rounding: damped steps would only repeat this
             if now > best:
                 damping *= 10.0
             else:
-                places, best, damping = moved, now, max(damping / 10.0, 1e-12)
+                places, links, found, is_linearised = moved, links_there, found_there, False
+                best, damping = now, max(damping / 10.0, 1e-12)
             if np.abs(step).max() < _SETTLED or damping > 1e6:
                 break
         turned = self.channels.is_rotation
-        left = np.where(self.is_observed[..., None], self.values - self._predicted(places, self._links(places)), np.nan)
+        left = np.where(self.is_observed[..., None], self.values - found, np.nan)
         count = max(3 * int(self.is_observed[:, ~turned].sum()), 1)
         misfit = float(np.sqrt(np.sum(left[:, ~turned][self.is_observed[:, ~turned]] ** 2) / count))
         misfit = misfit if np.isfinite(misfit) else np.inf
