@@ -199,6 +199,10 @@ class ForwardSearch(Generic[CauseT]):
             chosen = choose(current, refused, self.settings.level, pairs=pairs)
             next_cause = None if chosen is None else chosen.candidate.cause
             limit = further.limit([step.cause for step in found], current.fitted, next_cause)
+            if chosen is None and (restated := self._restated(found, current.fitted, None)) is not None:
+                found[:] = restated
+                rounds[-1] = self._round(found[-1].after, kinds, len(rounds) - 1)
+                continue
             if limit is not None or chosen is None:
                 left = chosen or choose(current, known_worse, self.settings.level, pairs=pairs)
                 cause_left = None if left is None else left.candidate.cause
@@ -210,6 +214,10 @@ class ForwardSearch(Generic[CauseT]):
                     return found, worse, further.end(None, len(found), rounds[-1], None)
             asked = chosen.candidate  # a plainer one may take its place; if that fails, this one is refused
             chosen, cause, after = self._fitted(chosen, current)
+            if (restated := self._restated(found, current.fitted, after)) is not None:
+                found[:] = restated
+                rounds[-1] = self._round(found[-1].after, kinds, len(rounds) - 1)
+                continue
             covered = self._covered(cause, after)
             if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
                 further.unpaid.add(asked.kind)
@@ -323,6 +331,43 @@ class ForwardSearch(Generic[CauseT]):
         other = self.fitter.prepared((*current.fitted.causes, plain.cause.refined()), current.fitted)
         gain = (_squares(other) - _squares(after)) / after.noise_ratio**2
         return candidate if is_distinct and gain > _PLAIN_GAIN else plain
+
+    def _restated(
+        self, found: Sequence[Accepted[CauseT]], current: FittedModel[CauseT], further: FittedModel[CauseT] | None
+    ) -> list[Accepted[CauseT]] | None:
+        """Return the accepted causes with another form of one of them, fitted again; None where each keeps its form.
+
+        A cause that was accepted next to large missing ones may later be clearly distinct from its plain form. Another
+        form has to fit clearly better than the plain one, and no worse than the model with a ``further`` cause, which
+        would be a consequence of the wrong form.
+        """
+        for at, step in enumerate(found):
+            others = [other.cause for k, other in enumerate(found) if k != at]
+            for form in self._other_forms(step):
+                cause = form.cause.refined()
+                after = self.fitter.prepared((*self.given, *others, cause), current)
+                gain = (_squares(current) - _squares(after)) / after.noise_ratio**2
+                is_distinct = cause.is_distinct(*after.values(cause))
+                if is_distinct and gain > _PLAIN_GAIN and (further is None or _squares(after) <= _squares(further)):
+                    changed = replace(step, chosen=replace(step.chosen, candidate=form), cause=cause)
+                    return self._fitted_in_turn([*found[:at], changed, *found[at + 1 :]])
+        return None
+
+    @staticmethod
+    def _other_forms(step: Accepted[CauseT]) -> list[CauseCandidate[CauseT]]:
+        """Return the candidates that an accepted plain cause may have to give its place to, the most probable first."""
+        wanted = (step.cause.id, step.cause.subject)
+        forms = [c for c in step.round.candidates if (c.cause.plain_id, c.cause.subject) == wanted]
+        return sorted(forms, key=step.round.posterior, reverse=True)
+
+    def _fitted_in_turn(self, steps: Sequence[Accepted[CauseT]]) -> list[Accepted[CauseT]]:
+        """Return accepted causes with the models of a search that accepts them in this order."""
+        after, fitted = steps[0].before, list[Accepted[CauseT]]()
+        for step in steps:
+            causes = (*self.given, *(other.cause for other in fitted), step.cause)
+            before, after = after, self.fitter.prepared(causes, after)
+            fitted.append(replace(step, before=before, after=after))
+        return fitted
 
     @staticmethod
     def _onsets(candidate: CauseCandidate[CauseT], current: Round[CauseT]) -> tuple[CauseT, CauseT] | None:
