@@ -27,6 +27,7 @@ from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant_by
+from truing.stages.common.point_arrays import RECORDED_ANGLES
 from truing.stages.common.table_arrays import (
     check_unique_keys,
     check_variance,
@@ -199,7 +200,8 @@ def read_poses(source: CampaignFiles, settings: Campaign, expected: ExpectedPoin
     covariance = _covariance(rows, columns, R, settings, log)
     files = tuple(dict.fromkeys(file.raw.name for file, _ in rows.parts))
     bodies = tuple(dict.fromkeys(rows.table.column("body").to_pylist()))
-    return PoseTable(_table(rows, p, R, covariance, expected), bodies, files, rows.left_out)
+    table = _with_angles(_table(rows, p, R, covariance, expected), rows, columns)
+    return PoseTable(table, bodies, files, rows.left_out)
 
 
 def _check_names(collected: CollectedRows, expected: ExpectedPoints, log: FaultLog) -> None:
@@ -343,6 +345,16 @@ def _table(collected: CollectedRows, p: Array, R: Array, covariance: Array, expe
     identifier = "int64" if is_number and pa.types.is_int64(pose.type) else "string"
     schema = ARTIFACTS["measured_poses"].arrow_schema(identifier)
     return pa.table([columns[name] for name in schema.names], schema=schema)
+
+
+def _with_angles(table: pa.Table, collected: CollectedRows, columns: Sequence[str]) -> pa.Table:
+    """Return poses with the Euler angles or rotation vectors, rad, from which their rotations were read, if any."""
+    if tuple(columns) not in (EULER, ROTATION_VECTOR):
+        return table
+    unit = np.pi / 180.0 if tuple(columns) == EULER else 1.0
+    for name, column in zip(RECORDED_ANGLES, columns, strict=True):
+        table = table.append_column(name, _numbers(unit * numbers(collected, column)))
+    return table
 
 
 def _numbered(values: Array, names: list[str]) -> Iterator[tuple[str, pa.Array]]:
