@@ -127,10 +127,23 @@ def _rotations_of_euler(collected: CollectedRows, angles: Array, order: str | No
         return R
     wrong: Mask = np.abs(angles) > 360.0 * (1.0 + 1e-9)
     for angle, name in zip(wrong.T, EULER, strict=True):
-        collected.fault(log, angle, name, "an angle of at most 360 deg either way")
+        collected.fault(log, angle, name, f"an angle of at most 360 deg either way{_other_unit(angles)}")
     is_valid = np.isfinite(angles).all(axis=1) & ~wrong.any(axis=1)
     R[is_valid] = Rotation.from_euler(order, angles[is_valid], degrees=True).as_matrix()
     return R
+
+
+def _other_unit(angles: Array) -> str:
+    """Return the question for another unit of angles (N, 3), deg, that exceed a turn; empty if few do."""
+    size = np.abs(angles[np.isfinite(angles)])
+    if size.max() <= 400.0 * (1.0 + 1e-9):
+        unit = "gon"
+    elif np.median(size) > 360.0 and np.radians(size.max()) <= 360.0 * (1.0 + 1e-9):
+        unit = "deg"  # degrees, of which a mapping says radians
+    else:
+        return ""
+    mapping = ", ".join(f'{name} = "{unit}"' for name in EULER)
+    return f"; did you mean {unit}, units = {{ {mapping} }}?"
 
 
 def _rotations_of_matrices(collected: CollectedRows, M: Array, log: FaultLog) -> Array:

@@ -36,7 +36,7 @@ _BODY_AXES, _OF_INVERSE = "body axes", "of the inverse"
 _TURNED = 0.35  # rad: frames that differ by less do so by wrong zeros, by more through a slip
 # Rows that agree: fewest, least share, stretches and random draws that are tried, with their sizes.
 _FEWEST_AGREE, _LEAST_SHARE, _STRETCHES, _FEWEST_DRAWN, _MOST_FITTED = 6, 0.2, 12, 4, 30
-_ROUNDS_OF_SETS = 5
+_ROUNDS_OF_SETS, _NEARLY_HALF = 5, 0.4  # a share that hardly another set of rows exceeds
 _SETTLED = 1e-4  # share by which a round of a fit improves it at least
 
 
@@ -210,6 +210,8 @@ def _frames_of_most(links: NDArray, measured: NDArray, notable: float) -> tuple[
         agree = _angles(frames, links, measured) <= notable
         if agree.sum() > near.sum():
             best, near = frames, agree
+        if near.mean() > _NEARLY_HALF:
+            break
     for _ in range(_ROUNDS_OF_SETS if near.any() else 0):
         best = _fitted(links[near], measured[near], best[1])
         agree = _angles(best, links, measured) <= notable
