@@ -85,7 +85,9 @@ def slips(unit: str, channels: tuple[str, ...], loop: str) -> list[AxisSlip]:
             found.append(AxisSlip(f"{name} shifted by {rows}", _rolled(column, rows), (name,), ("shifted",)))
         found.append(AxisSlip(f"{name}: way back reversed", _way_back_reversed(column, command), (name,), ("order",)))
         if name != loop:
-            found.append(AxisSlip(f"{name} holds deviations", _deviation(column, command, 1.0), (name,), ("deviation",)))
+            found.append(
+                AxisSlip(f"{name} holds deviations", _deviation(column, command, 1.0), (name,), ("deviation",))
+            )
     for k, first in enumerate(channels):
         for other in channels[k + 1 :]:
             change = _exchanged(f"{first}_{unit}", f"{other}_{unit}")

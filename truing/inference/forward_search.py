@@ -32,8 +32,9 @@ _CAUSES, _NOISE, _DEPENDENCE, _DOUBTED = 0.45, 0.05, 0.1, 0.4
 # Most catalogued causes that are tried together in place of a nonparametric effect. A nonparametric effect may imitate
 # more of them, but so many would imitate it.
 _MOST_TOGETHER = 4
-# Least decrease of the squares by a cause that takes the place of a plainer one: chi-square, one degree, p = 2e-4.
-_PLAIN_GAIN = 13.8
+# Least decrease of the squares by a cause that takes the place of a plainer one: chi-square, one degree, p = 2e-4; and
+# by one that contests a plainer one, p = 0.01.
+_PLAIN_GAIN, _CONTESTED_GAIN = 13.8, 6.6
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class Accepted(Generic[CauseT]):
     probability: float  # of its kind among all that explain the same
     rivals: frozenset[str]  # keys of nonparametric effects that explain much of what it explains
     onsets: tuple[CauseT, CauseT] | None = None  # the cause at its earliest and latest possible onset
+    is_contested: bool = False  # another form of it fits better, though not clearly
 
     @property
     def candidate(self) -> CauseCandidate[CauseT]:
@@ -227,6 +229,7 @@ class ForwardSearch(Generic[CauseT]):
                 continue
             outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
             rivals, onsets = current.rivals_of(chosen.candidate), self._onsets(chosen.candidate, current)
+            is_contested = self._is_contested(chosen.candidate, current, after)
             if not chosen.of_two:  # accepted: two rounds at once need twice the memory
                 current, chosen = self._closed(rounds), chosen.light()
             next_round = self._round(after, kinds, len(rounds))
@@ -239,7 +242,17 @@ class ForwardSearch(Generic[CauseT]):
                 probability = closed.probability_of_name(chosen.candidate, next_round)
             found.append(
                 Accepted(
-                    chosen.light(), closed, cause, closed.fitted, after, outdone, choice, probability, rivals, onsets
+                    chosen.light(),
+                    closed,
+                    cause,
+                    closed.fitted,
+                    after,
+                    outdone,
+                    choice,
+                    probability,
+                    rivals,
+                    onsets,
+                    is_contested,
                 )
             )
             rounds.append(next_round)
@@ -329,7 +342,7 @@ class ForwardSearch(Generic[CauseT]):
         if plain is None:
             return candidate
         other = self.fitter.prepared((*current.fitted.causes, plain.cause.refined()), current.fitted)
-        gain = (_squares(other) - _squares(after)) / after.noise_ratio**2
+        gain = _gain(other, after)
         return candidate if is_distinct and gain > _PLAIN_GAIN else plain
 
     def _restated(
@@ -343,22 +356,26 @@ class ForwardSearch(Generic[CauseT]):
         """
         for at, step in enumerate(found):
             others = [other.cause for k, other in enumerate(found) if k != at]
-            for form in self._other_forms(step):
+            for form in other_forms(step.candidate, step.round):
                 cause = form.cause.refined()
                 after = self.fitter.prepared((*self.given, *others, cause), current)
-                gain = (_squares(current) - _squares(after)) / after.noise_ratio**2
-                is_distinct = cause.is_distinct(*after.values(cause))
+                gain, is_distinct = _gain(current, after), cause.is_distinct(*after.values(cause))
                 if is_distinct and gain > _PLAIN_GAIN and (further is None or _squares(after) <= _squares(further)):
-                    changed = replace(step, chosen=replace(step.chosen, candidate=form), cause=cause)
+                    chosen = replace(step.chosen, candidate=form)
+                    changed = replace(step, chosen=chosen, cause=cause, is_contested=False)
                     return self._fitted_in_turn([*found[:at], changed, *found[at + 1 :]])
         return None
 
-    @staticmethod
-    def _other_forms(step: Accepted[CauseT]) -> list[CauseCandidate[CauseT]]:
-        """Return the candidates that an accepted plain cause may have to give its place to, the most probable first."""
-        wanted = (step.cause.id, step.cause.subject)
-        forms = [c for c in step.round.candidates if (c.cause.plain_id, c.cause.subject) == wanted]
-        return sorted(forms, key=step.round.posterior, reverse=True)
+    def _is_contested(
+        self, candidate: CauseCandidate[CauseT], current: Round[CauseT], after: FittedModel[CauseT]
+    ) -> bool:
+        """Return True if another form of an accepted cause, with distinct values, fits better than chance allows."""
+        for form in other_forms(candidate, current):
+            cause = form.cause.refined()
+            other = self.fitter.prepared((*current.fitted.causes, cause), current.fitted)
+            if _gain(after, other) > _CONTESTED_GAIN and cause.is_distinct(*other.values(cause)):
+                return True
+        return False
 
     def _fitted_in_turn(self, steps: Sequence[Accepted[CauseT]]) -> list[Accepted[CauseT]]:
         """Return accepted causes with the models of a search that accepts them in this order."""
@@ -440,6 +457,29 @@ def names_of_one_effect(steps: Sequence[Accepted[CauseT]], last: Round[CauseT], 
         return move_alike(final, (first, sizes[first.key]), (second, sizes[second.key]))
 
     return several_for_one([(step.cause, step.candidate, step.round) for step in steps], last, alike)
+
+
+def other_forms(candidate: CauseCandidate[CauseT], current: Round[CauseT]) -> list[CauseCandidate[CauseT]]:
+    """Return the candidates that a plain cause may have to give its place to, the most probable first."""
+    wanted = (candidate.cause.id, candidate.cause.subject)
+    forms = [c for c in current.candidates if (c.cause.plain_id, c.cause.subject) == wanted]
+    return sorted(forms, key=current.posterior, reverse=True)
+
+
+def contested_causes(steps: Sequence[Accepted[CauseT]]) -> set[str]:
+    """Return the keys of accepted causes that other forms contest, or that were accepted after one of these: they may
+    be its consequences. Causes that contradict what others assume contest these, and the others."""
+    first = next((at for at, step in enumerate(steps) if step.is_contested), len(steps))
+    contested = {step.cause.key for step in steps[first:] if step.cause.catalogued}
+    denied = {step.cause.denies for step in steps} - {""}
+    if denied & {step.cause.assumes for step in steps}:
+        contested |= {step.cause.key for step in steps if {step.cause.assumes, step.cause.denies} & denied}
+    return contested
+
+
+def _gain(plain: FittedModel[CauseT], other: FittedModel[CauseT]) -> float:
+    """Return the decrease of the squares by another model, over its noise."""
+    return (_squares(plain) - _squares(other)) / other.noise_ratio**2
 
 
 def _squares(fitted: FittedModel[CauseT]) -> float:
