@@ -49,6 +49,7 @@ from truing.pipeline.init_robot import (
     with_reflector,
 )
 from truing.pipeline.init_rows import next_steps
+from truing.pipeline.init_runs import with_runs_apart
 from truing.pipeline.init_slides import with_slides
 from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
 from truing.pipeline.init_text import (
@@ -129,6 +130,7 @@ def init_campaign(
     guesses = [(group, changed) for (group, _), changed in zip(guesses, named, strict=True)]
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
+    guesses, runs = with_runs_apart(folder, guesses)
     name = folder.resolve().name
     text = campaign_text(name, guesses, robot) if every_key else starter_campaign_text(name, guesses, robot)
     _write_new(target, text)
@@ -141,7 +143,7 @@ def init_campaign(
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
-    for words in next_steps(guesses):
+    for words in (*runs, *next_steps(guesses)):
         console.sentence(words)
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)

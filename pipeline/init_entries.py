@@ -259,7 +259,8 @@ def _is_adjusted(group: Any, guess: Guess) -> bool:
 def shortened_entries(entries: list[Entry], most: int) -> tuple[list[Entry], list[Entry]]:
     """Entry of each table with most files, others while there is space, and the remaining ones.
 
-    Entries of one table in one file, such as poses of several bodies, belong together. Next to a file for each pose, a
+    Entries of one table in one file, such as poses of several bodies, belong together, and so do those of runs whose
+    poses have an offset. Next to a file for each pose, a
     single file of points that names no pose is none of theirs.
     """
     firsts = {
@@ -273,6 +274,7 @@ def shortened_entries(entries: list[Entry], most: int) -> tuple[list[Entry], lis
     ]
     shown: set[int] = set()
     needed = {(entries[number][0].glob, table) for table, number in firsts.items()}
+    needed |= {(group.glob, guess.table) for group, guess, _ in entries if "pose" in guess.mapping.get("offset", {})}
     for number in order:
         most -= len(entries[number][2])
         if most >= 0 or (entries[number][0].glob, entries[number][1].table) in needed:

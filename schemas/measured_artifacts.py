@@ -25,6 +25,7 @@ MEASUREMENT = (
         "measured_poses",
         "poses that the instrument reported, in its own frame, with their declared covariance",
         f"pose* body* {PLACE} {COVARIANCE}",
+        optional="recorded_a_rad recorded_b_rad recorded_c_rad",
     ),
     parquet(
         "scans",

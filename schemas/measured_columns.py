@@ -161,6 +161,10 @@ MEASURED_COLUMNS = (
     *(real(f"p{a}_mm", "mm", f"{a} of the body's origin in the parent frame", nullable=True) for a in "xyz"),
     *(real(f"r{a}_rad", "rad", f"{a} component of the rotation vector, body to parent", nullable=True) for a in "xyz"),
     *(
+        real(f"recorded_{a}_rad", "rad", f"number {k} of recorded Euler angles or rotation vectors", nullable=True)
+        for k, a in enumerate("abc", 1)
+    ),
+    *(
         real(
             f"cov_{i}_{j}", "SI", "covariance, order p then theta, R <- exp(theta) R in the parent frame", nullable=True
         )

@@ -13,6 +13,7 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.rigid_poses.points import FittedPoints, PointResiduals, PosePoints, SurveyPoints
 
 _AXES = "xyz"
+RECORDED_ANGLES = tuple(f"recorded_{a}_rad" for a in "abc")
 _PAIRS = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
 
 
@@ -88,6 +89,13 @@ def pose_vectors(table: pa.Table) -> Array:
     """(N, 6) position in m and rotation vector in rad of each row of poses."""
     names = [*(f"p{a}_mm" for a in _AXES), *(f"r{a}_rad" for a in _AXES)]
     return number_columns(table, names) * ([1e-3] * 3 + [1.0] * 3)
+
+
+def recorded_angles(table: pa.Table) -> Array | None:
+    """(N, 3) Euler angles or rotation vectors of rows of measured poses, rad, as recorded; None for other notations."""
+    if not set(RECORDED_ANGLES) <= set(table.schema.names):
+        return None
+    return number_columns(table, RECORDED_ANGLES)
 
 
 def pose_covariances(table: pa.Table) -> Array:

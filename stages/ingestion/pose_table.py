@@ -27,6 +27,7 @@ from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant_by
+from truing.stages.common.point_arrays import RECORDED_ANGLES
 from truing.stages.common.table_arrays import (
     check_unique_keys,
     check_variance,
@@ -126,10 +127,23 @@ def _rotations_of_euler(collected: CollectedRows, angles: Array, order: str | No
         return R
     wrong: Mask = np.abs(angles) > 360.0 * (1.0 + 1e-9)
     for angle, name in zip(wrong.T, EULER, strict=True):
-        collected.fault(log, angle, name, "an angle of at most 360 deg either way")
+        collected.fault(log, angle, name, f"an angle of at most 360 deg either way{_other_unit(angles)}")
     is_valid = np.isfinite(angles).all(axis=1) & ~wrong.any(axis=1)
     R[is_valid] = Rotation.from_euler(order, angles[is_valid], degrees=True).as_matrix()
     return R
+
+
+def _other_unit(angles: Array) -> str:
+    """Return the question for another unit of angles (N, 3), deg, that exceed a turn; empty if few do."""
+    size = np.abs(angles[np.isfinite(angles)])
+    if size.max() <= 400.0 * (1.0 + 1e-9):
+        unit = "gon"
+    elif np.median(size) > 360.0 and np.radians(size.max()) <= 360.0 * (1.0 + 1e-9):
+        unit = "deg"  # degrees, of which a mapping says radians
+    else:
+        return ""
+    mapping = ", ".join(f'{name} = "{unit}"' for name in EULER)
+    return f"; did you mean {unit}, units = {{ {mapping} }}?"
 
 
 def _rotations_of_matrices(collected: CollectedRows, M: Array, log: FaultLog) -> Array:
@@ -199,7 +213,8 @@ def read_poses(source: CampaignFiles, settings: Campaign, expected: ExpectedPoin
     covariance = _covariance(rows, columns, R, settings, log)
     files = tuple(dict.fromkeys(file.raw.name for file, _ in rows.parts))
     bodies = tuple(dict.fromkeys(rows.table.column("body").to_pylist()))
-    return PoseTable(_table(rows, p, R, covariance, expected), bodies, files, rows.left_out)
+    table = _with_angles(_table(rows, p, R, covariance, expected), rows, columns)
+    return PoseTable(table, bodies, files, rows.left_out)
 
 
 def _check_names(collected: CollectedRows, expected: ExpectedPoints, log: FaultLog) -> None:
@@ -343,6 +358,16 @@ def _table(collected: CollectedRows, p: Array, R: Array, covariance: Array, expe
     identifier = "int64" if is_number and pa.types.is_int64(pose.type) else "string"
     schema = ARTIFACTS["measured_poses"].arrow_schema(identifier)
     return pa.table([columns[name] for name in schema.names], schema=schema)
+
+
+def _with_angles(table: pa.Table, collected: CollectedRows, columns: Sequence[str]) -> pa.Table:
+    """Return poses with the Euler angles or rotation vectors, rad, from which their rotations were read, if any."""
+    if tuple(columns) not in (EULER, ROTATION_VECTOR):
+        return table
+    unit = np.pi / 180.0 if tuple(columns) == EULER else 1.0
+    for name, column in zip(RECORDED_ANGLES, columns, strict=True):
+        table = table.append_column(name, _numbers(unit * numbers(collected, column)))
+    return table
 
 
 def _numbered(values: Array, names: list[str]) -> Iterator[tuple[str, pa.Array]]:

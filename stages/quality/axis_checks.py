@@ -14,6 +14,7 @@ from scipy.special import chdtr, stdtr
 
 from truing.arrays import Array
 from truing.belonging.axis_rows import (
+    AxisRowSlip,
     RowSlipKind,
     copied_stretch,
     other_order,
@@ -79,6 +80,7 @@ def _checks(
         yield (
             _same(encoder, columns, rows.command[in_time], readings)
             or _order(encoder, command, reading)
+            or _in_another_order(encoder, columns, command, reading, poses)
             or _deviations(encoder, columns, command, reading, sigma)
             or _rows(encoder, columns, command, reading, poses)
         )
@@ -147,7 +149,7 @@ def encoders_in_place(
     """
     unit = columns.reported_unit
     missing = [encoder_name for encoder_name in ENCODERS if encoder_name not in deviations]
-    if missing == [MEASURED]:
+    if len(missing) == 1 and columns.loop in deviations:
         return _loop_follows(columns, deviations, noise)
     if missing:
         return not_evaluated("one is missing", "axis-encoders", "", f"no readings of {listed(missing)}")
@@ -180,7 +182,7 @@ def encoders_in_place(
 
 def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: Mapping[str, float]) -> Check:
     """Check that the encoder of the loop follows the command no worse than the other: the controller holds it there."""
-    loop, other = (MOTOR, LOAD) if columns.loop == MOTOR else (LOAD, MOTOR)
+    loop, (other, *_) = columns.loop, [name for name in ENCODERS if name in deviations and name != columns.loop]
     known = np.isfinite(deviations[loop]) & np.isfinite(deviations[other])
     if known.sum() < _FEWEST_ROWS:
         return not_evaluated(
@@ -195,8 +197,9 @@ def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: 
     text = f"{named[0]} departs from the command by {texts[0]} and {named[1]} by {texts[1]}"
     if not is_astray:
         return Check("axis-encoders", "", ratio, 1.0, "1", PASS, f"{text}.")
-    text += f', but the controller holds the encoder of the loop ("{loop}") to the command. Did you mean loop = '
-    text += f'"{other}" in [mechanism], or columns {named[0]} and {named[1]} exchanged?'
+    text += f', but the controller holds the encoder of the loop ("{loop}") to the command. Did you mean '
+    text += f'loop = "{other}" in [mechanism], or ' if other != MEASURED else ""
+    text += f"columns {named[0]} and {named[1]} exchanged?"
     return Check("axis-encoders", "", ratio, 1.0, "1", FAIL if ratio > _CLEARLY else WARN, text)
 
 
@@ -260,24 +263,49 @@ def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, po
         return not_evaluated("another unit", "axis-rows", encoder, "the encoder moves unlike the command")
     if columns.unit == "deg" and (written := _minutes(encoder, command[both], reading[both])) is not None:
         return written
-    units = {f"{words}{sign}": factor / at for at, words in UNIT_SLIPS[columns.unit].items() for sign, factor in _SIGNS}
-    units |= {f"{columns.unit}{sign}": factor for sign, factor in _SIGNS if factor < 0.0}
-    slip = slip_of_rows(command[both], reading[both], ratio, units)
+    slip = slip_of_rows(command[both], reading[both], ratio, _units(columns))
     if slip is None and (copied := copied_stretch(command[both], reading[both])) is not None:
         return _copied(encoder, poses[both], *copied)
     if slip is None:
         return Check("axis-rows", encoder, 0.0, 0.0, "1", PASS, "Every reading belongs to the command of its row.")
-    affected = f"{count_text(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
-    whose = "their rows" if len(slip.rows) == both.sum() else affected
+    return _misplaced(encoder, slip, poses[both])
+
+
+def _units(columns: AxisColumns) -> dict[str, float]:
+    """Factors by which numbers in other units, or with the opposite sign, are right, by the words for them."""
+    units = {f"{words}{sign}": factor / at for at, words in UNIT_SLIPS[columns.unit].items() for sign, factor in _SIGNS}
+    return units | {f"{columns.unit}{sign}": factor for sign, factor in _SIGNS if factor < 0.0}
+
+
+def _in_another_order(
+    encoder: str, columns: AxisColumns, command: Array, reading: Array, poses: NDArray[np.object_]
+) -> Check | None:
+    """Return the failed check of readings that are shifted, or reversed from one turn to the next; None if they are
+    not. Such rows scatter, too."""
+    both = np.isfinite(command) & np.isfinite(reading)
+    ratio, _ = movements(command, reading)
+    if not (np.isfinite(ratio) and 1.0 / _WRONG <= ratio <= _WRONG):
+        return None
+    slip = slip_of_rows(command[both], reading[both], ratio, _units(columns))
+    if slip is None or slip.kind not in (RowSlipKind.SHIFTED, RowSlipKind.REVERSED):
+        return None
+    return _misplaced(encoder, slip, poses[both])
+
+
+def _misplaced(encoder: str, slip: AxisRowSlip, poses: NDArray[np.object_]) -> Check:
+    """Return the check of readings (N,) of which some rows do not belong to their commands."""
+    affected = f"{count_text(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[slip.rows]])}"
+    whose = "their rows" if len(slip.rows) == len(poses) else affected
     text = f"Readings of {encoder} do not belong to the commands of {whose}."
     meant = {
         RowSlipKind.EXCHANGED: " Did you mean: readings of these rows exchanged?",
         RowSlipKind.SHIFTED: f" Did you mean: readings of these rows shifted by {slip.name} rows?",
+        RowSlipKind.REVERSED: " Did you mean: the way back written in the order of the way there?",
         RowSlipKind.UNIT: f" Did you mean: these rows in {slip.name}?",
         RowSlipKind.COPIED: " They are equal in every digit to those of other rows.",
         RowSlipKind.STRAY: "",
     }[slip.kind]
-    verdict = WARN if slip.kind is RowSlipKind.STRAY and len(slip.rows) <= _FEW * both.sum() else FAIL
+    verdict = WARN if slip.kind is RowSlipKind.STRAY and len(slip.rows) <= _FEW * len(poses) else FAIL
     return Check("axis-rows", encoder, float(len(slip.rows)), 0.0, "1", verdict, f"{text}{meant}")
 
 

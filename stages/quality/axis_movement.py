@@ -32,7 +32,8 @@ UNIT_SLIPS: Mapping[str, Mapping[float, str]] = MappingProxyType(
 FEWEST_MOVES = 3
 _OF_SLIP = 0.01  # how near a ratio lies to that of a slip, or to that of another encoder
 _ODD, _WRONG = 0.1, 2.0
-_PART = 0.4  # least share of the movements that make the others a slip of some rows
+_DEVIATING = 1e-2  # largest share of the movement that readings of deviations show
+_PART = 0.3  # least share of the movements that make the others a slip of some rows
 _LEAST_MOVE = 1e-3  # of the travel
 # Exact values of commands: least share of different ones in the exchanged column, largest share in the other, their
 # distance over the scatter about them, and how many decimals fewer they have.
@@ -65,7 +66,7 @@ def unit_check(
     if not np.isfinite(ratio):
         return not_evaluated("too few movements", "axis-units", encoder, f"the command moves {count} times")
     text = f"{columns.encoders[encoder]} moves {ratio:.6g} times as far as {columns.command}"
-    is_odd = abs(ratio - 1.0) > _ODD
+    is_odd = not _is_alike(ratio, columns.unit)
     column, slipped = columns.encoders[encoder], f"did you mean columns {' and '.join(exchanged)} exchanged?"
     if exchanged and is_odd:
         return _row(encoder, ratio, FAIL, f"{text}: {slipped}")
@@ -74,6 +75,10 @@ def unit_check(
         return _row(encoder, ratio, FAIL, f"{why}: {slipped}")
     if is_odd and (meant := _meant(encoder, ratio, columns, moved)):
         return _row(encoder, ratio, FAIL, f"{text}: did you mean {meant}? Correct the unit or the sign.")
+    if 0.0 < abs(ratio) < _DEVIATING and columns.loop != encoder:
+        cure = f"did you mean deviations from {columns.command}? Those of an outside instrument belong in a column "
+        cure += f"deviation_{columns.unit}; add the command to those of an encoder. Otherwise correct its unit."
+        return _row(encoder, ratio, FAIL, f"{text}: {cure}")
     if not 1.0 / _WRONG <= ratio <= _WRONG:
         cure = f"Correct its unit, counts_per_{columns.unit} or the column that [mechanism] names."
         return _row(encoder, ratio, FAIL, f"{text}, which no axis does. {cure}")
@@ -93,7 +98,7 @@ def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Index) -> 
     def moves_alike(named: Mapping[str, Array]) -> bool:
         si = {name: values / columns.recorded(name, np.array(SI[columns.unit])) for name, values in named.items()}
         ratios = np.array([movements(si[columns.command], si[name])[0] for name in columns.encoders.values()])
-        return bool((np.abs(ratios - 1.0) < _ODD).all())
+        return all(_is_alike(ratio, columns.unit) for ratio in ratios.tolist())
 
     are_alike = moves_alike(raw)
     for first, second in combinations(raw, 2):
@@ -102,6 +107,12 @@ def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Index) -> 
         if (is_command or not are_alike) and moves_alike(raw_exchanged):
             return first, second
     return ()
+
+
+def _is_alike(ratio: float, unit: str) -> bool:
+    """Whether an encoder moves about as far as the command; not where the ratio is that of units as near as degrees
+    and gon."""
+    return abs(ratio - 1.0) < _ODD and not _unit_of(abs(ratio), unit) and not _unit_of(1.0 / abs(ratio), unit)
 
 
 def _hold_commands(exact: Array, scattered: Array) -> bool:

@@ -64,6 +64,7 @@ from truing.stages.quality.chain_slips import (
     slips_of_numbers,
     slips_of_single_lines,
     slips_of_surveys,
+    slips_of_zeros,
     with_most_poses,
     without_lone_errors,
 )
@@ -113,7 +114,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         compared = _links_compared(tables, settings)
         if compared is None:
             return _not_tested("no-poses")
-        turned = orientation_test(compared, settings)
+        turned = orientation_test(compared, settings, tables.get("measured_poses"))
         if (
             turned is not None
             and turned.state is RelationState.FAILS
@@ -291,6 +292,8 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
         return _failed(tested, in_poses.slips, in_poses.after)
     if start.rms <= limit:
         tested = replace(tested, misfit=start.rms / _MM)
+        if zeros := list(slips_of_zeros(compared, fit)):
+            return _failed_as_a_whole(tested, zeros)
         if in_poses is None:
             return tested
         # The diagnosis keeps poses that miss as a whole.
@@ -308,6 +311,7 @@ def _explained(compared: ComparedChain, tested: RelationTest) -> RelationTest:
         *slips_of_links(compared),
         *slips_of_surveys(compared),
         *slips_of_description(compared),
+        *slips_of_zeros(compared, fit),
     ]:
         return _failed_as_a_whole(tested, slips)
     if (moved := moved_frame(compared, fit)) is not None:

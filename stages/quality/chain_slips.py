@@ -12,7 +12,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index, Mask
 from truing.belonging.joint_rows import changes_of_axes, slips_of_all, slips_of_lines
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
-from truing.simulation.mechanisms.chains.column_slips import does_not_belong, foreign_share
+from truing.simulation.mechanisms.chains.column_slips import does_not_belong, few_poses, foreign_share
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.measured_lines import GROUND
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg
@@ -26,6 +26,11 @@ FEWEST_POSES = 8
 """Fewest poses whose readings are compared with measured links."""
 _MOST_PERMUTED = 4  # targets of a link whose names are tried in every order
 _EXPLAINED = 0.2  # of the misfit: what a slip in one number may leave
+_MM = 1e-3
+# Of distances, smallest wrong zero that is a slip, m: half of the smallest reflector's radius. Share of the misfit that
+# it may leave: one of ten or more independent errors of a machine explains as much with a probability below 1e-4.
+_LEAST_ZERO, _EXPLAINED_BY_ZERO = 3e-3, 0.35
+_REACH, _STEPS, _FINE = 60.0, 8, 1e-6  # largest zero over the misfit, steps on either side, and tolerance, m
 # Poses that miss by this many times the median are left out, if at least this share remains.
 _FAR, _MOST = 5.0, 0.9
 
@@ -171,6 +176,49 @@ def slips_of_single_lines(compared: ComparedChain, fit: NominalFit) -> Iterator[
         return
     for slip, values in slips_of_lines([(names[a], names[b]) for a, b in ends], fit.values):
         yield from _explaining(slip, fit.start_of(compared.usable, compared.conditions, values))
+
+
+def slips_of_zeros(compared: ComparedChain, fit: NominalFit) -> Iterator[WholeSlip]:
+    """Yield zeros of all distances, or of those of one end, that explain the misfit: each fitted with the places.
+
+    Smaller zeros are errors of the instrument, which the diagnosis finds.
+    """
+    names, ends = compared.measured.channels.names, compared.measured.ends
+    if ends is None:
+        return
+    some = compared.usable.copy()
+    some[compared.usable] = few_poses(int(compared.usable.sum()))
+    compared = replace(compared, usable=some)
+    before = fit.start_of(compared.usable, compared.conditions)
+    is_distance = np.arange(fit.values.shape[1]) >= fit.values.shape[1] - len(ends)
+    groups = {"": is_distance}
+    for end in dict.fromkeys(names[k] for k in ends.ravel()):
+        of_end = is_distance.copy()
+        of_end[is_distance] = [end in (names[a], names[b]) for a, b in ends]
+        if of_end.sum() < len(ends):
+            groups[f"of {end}"] = of_end
+    for name, group in groups.items():
+        offset, after = _fitted_zero(compared, fit, group, before.rms)
+        if abs(offset) > _LEAST_ZERO and after.rms < _EXPLAINED_BY_ZERO * before.rms:
+            slip = RecordSlip(SlipKind.ZERO, "distances (mm)", (name,) if name else (), offset=offset / _MM)
+            yield from _explaining(slip, after)
+
+
+def _fitted_zero(compared: ComparedChain, fit: NominalFit, group: Mask, before: float) -> tuple[float, StartValues]:
+    """Return what distances of a group (D,) lack, m, with the places that fit best then; ``before``: misfit, m."""
+    from scipy.optimize import minimize_scalar
+
+    def at(offset: float) -> StartValues:
+        values = fit.values + offset * group[:, None]
+        return fit.start_of(compared.usable, compared.conditions, values)
+
+    # The misfit by a wrong zero is a share of it: other places of the stations absorb the rest.
+    step = _REACH * before / _STEPS
+    tried = step * np.arange(-_STEPS, _STEPS + 1)
+    best = float(tried[int(np.argmin([at(offset).rms for offset in tried.tolist()]))])
+    bounds = (best - step, best + step)
+    found = minimize_scalar(lambda offset: at(offset).rms, bounds=bounds, method="bounded", options={"xatol": _FINE})
+    return float(found.x), at(float(found.x))
 
 
 def moved_frame(compared: ComparedChain, fit: NominalFit) -> WholeSlip | None:

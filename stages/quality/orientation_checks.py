@@ -6,11 +6,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from truing.arrays import Array, Mask
 from truing.belonging.orientations import TurningMisfit, turning_misfit
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
+from truing.belonging.rotation_writing import WrittenRotations
+from truing.belonging.slips_in_rows import row_places
 from truing.stages.common.chain_measurements import MeasuredLinks
+from truing.stages.common.point_arrays import positions, recorded_angles
 from truing.stages.quality.chain_slips import FEWEST_POSES, ComparedChain
 
 if TYPE_CHECKING:
@@ -21,7 +25,9 @@ FRAMES_DIFFER = "frames-differ"  # those of measured positions and orientations
 _DEG = np.pi / 180.0
 
 
-def orientation_test(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
+def orientation_test(
+    compared: ComparedChain, settings: Campaign, measured_poses: pa.Table | None = None
+) -> RelationTest | None:
     """The test of the first measured link whose orientations do not turn with it, or with strays; None if all do."""
     strays: tuple[str, ...] = ()
     agreed: TurningMisfit | None = None
@@ -34,8 +40,7 @@ def orientation_test(compared: ComparedChain, settings: Campaign) -> RelationTes
                 continue
             compared_turns = turning_misfit(
                 frames.R[rows, channels.node[k]],
-                compared.conditions.reference[rows, k],
-                settings.poses.euler,
+                _written(compared, int(k), settings, measured_poses).subset(rows),
                 _positions(measured, int(k), rows, frames.t),
             )
             if compared_turns.stray.any():
@@ -51,7 +56,12 @@ def orientation_test(compared: ComparedChain, settings: Campaign) -> RelationTes
                     unit="deg",
                     misfit_explained=compared_turns.after / _DEG if compared_turns.slips else None,
                 )
-                return replace(test, slips=compared_turns.slips[:1], rivals=compared_turns.slips[1:])
+                slips = compared_turns.slips
+                if compared_turns.rows is not None:
+                    poses = np.array([str(pose) for pose in compared.conditions.poses])[rows].tolist()
+                    where = row_places(*compared_turns.rows, poses, ())
+                    slips = tuple(replace(slip, subjects=(*slip.subjects, *where)) for slip in slips)
+                return replace(test, slips=slips[:1], rivals=slips[1:])
             if compared_turns.apart is not None:
                 return _in_different_frames(compared_turns)
     if agreed is None:
@@ -65,6 +75,20 @@ def orientation_test(compared: ComparedChain, settings: Campaign) -> RelationTes
         unit="deg",
         slips=(RecordSlip(SlipKind.STRAY, "measured orientations of", strays),),
     )
+
+
+def _written(compared: ComparedChain, k: int, settings: Campaign, measured_poses: pa.Table | None) -> WrittenRotations:
+    """Return the orientations (B, 3, 3) of a channel, with the angles from which they were read, if any."""
+    reference, poses = compared.conditions.reference[:, k], compared.conditions.poses
+    angles = None if measured_poses is None else recorded_angles(measured_poses)
+    if measured_poses is None or angles is None:
+        return WrittenRotations(reference, settings.poses.euler)
+    link = compared.measured.channels.links[k]
+    rows = np.array([body == link for body in measured_poses.column("body").to_pylist()])
+    at = positions(measured_poses.column("pose").filter(pa.array(rows)), poses)
+    recorded = np.zeros((len(poses), 3))
+    recorded[at[at >= 0]] = angles[rows][at >= 0]
+    return WrittenRotations.of_table(reference, settings.poses.euler, recorded)
 
 
 def _in_different_frames(turns: TurningMisfit) -> RelationTest:

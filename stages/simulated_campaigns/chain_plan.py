@@ -23,7 +23,7 @@ from truing.simulation.mechanisms.chains.measured_lines import GROUND
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_tables import joint_readings
-from truing.stages.common.point_arrays import number_columns, positions
+from truing.stages.common.point_arrays import RECORDED_ANGLES, number_columns, positions
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -236,7 +236,9 @@ class ChainPlan:
         shifts, turns = values[pose[is_known], at[0]] / _MM, log_so3(turned[pose[is_known], at[1]])
         columns = {name: shifts[:, k] for k, name in enumerate(_TRANSLATION)}
         columns |= {name: turns[:, k] for k, name in enumerate(_ROTATION)}
-        return _with_columns(table.filter(is_known), columns)
+        # Recorded angles are those of the measurement, not of what is drawn here.
+        drawn = table.drop_columns([name for name in RECORDED_ANGLES if name in table.schema.names])
+        return _with_columns(drawn.filter(is_known), columns)
 
     @property
     def _is_rotation(self) -> NDArray:

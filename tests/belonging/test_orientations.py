@@ -9,12 +9,20 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truing.arrays import Array
-from truing.belonging.orientations import TurningMisfit, turning_misfit
+from truing.belonging.orientations import TurningMisfit
+from truing.belonging.orientations import turning_misfit as misfit_of_written
+from truing.belonging.rotation_writing import WrittenRotations
 
 RNG = np.random.default_rng(3)
 LINKS = Rotation.random(40, random_state=1)
 BASE, TOOL = Rotation.random(2, random_state=2)
 MEASURED = BASE * LINKS * TOOL * Rotation.from_rotvec(1e-3 * RNG.normal(size=(40, 3)))
+
+
+def turning_misfit(
+    links: Array, measured: Array, euler: str | None, positions: tuple[Array, Array] | None = None
+) -> TurningMisfit:
+    return misfit_of_written(links, WrittenRotations(measured, euler), positions)
 
 
 def misfit_of(read: Array | Rotation, euler: str | None = None) -> TurningMisfit:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +17,7 @@ _LEAST_SHARE = 0.5  # least share of the rows that agree
 _FEWEST = 3  # fewest rows in another unit or shifted
 _MOST = 300  # most rows among which an exchange is sought
 _EXPLAINED = 0.9  # least share of the rows that a slip explains
+_NEARLY_ALL = 0.98  # the same of a shifted column; lost motion of one step explains fewer where the axis turns
 # Fewest angles; the share of the misfit that remains if they were written with minutes; and their decimals.
 _FEWEST_ANGLES, _FAR_BETTER, _SIXTY, _DIGITS = 20, 0.1, 0.6, 8
 _SHIFTS = (1, -1, 2, -2)
@@ -32,6 +34,7 @@ class RowSlipKind(StrEnum):
 
     EXCHANGED = "exchanged"
     SHIFTED = "shifted"
+    REVERSED = "reversed"
     UNIT = "unit"
     COPIED = "copied"
     STRAY = "stray"
@@ -56,6 +59,10 @@ def slip_of_rows(command: Array, reading: Array, ratio: float, units: Mapping[st
     limit = _NEAR * float(np.ptp(expected))
     zero, near = _zero(reading - expected, limit)
     distant_rows = np.flatnonzero(~near)
+    if near.mean() < _EXPLAINED and (shifted := _whole_shift(reading, expected, limit, _NEARLY_ALL)) is not None:
+        return shifted
+    if (back := _reversed_sweeps(reading - zero, expected, limit)) is not None:
+        return AxisRowSlip(RowSlipKind.REVERSED, back)
     if near.mean() < _LEAST_SHARE:
         return _whole_shift(reading, expected, limit)
     if not len(distant_rows) or _is_zero_shift((reading - expected)[distant_rows], limit):
@@ -206,12 +213,33 @@ def _zero(difference: Array, limit: float) -> tuple[float, Mask]:
     return zero, np.abs(difference - zero) <= limit
 
 
-def _whole_shift(reading: Array, expected: Array, limit: float) -> AxisRowSlip | None:
-    """Return the slip of a column that is shifted as a whole; None where no shift brings it to its commands."""
+def _reversed_sweeps(off: Array, expected: Array, limit: float) -> Index | None:
+    """Return the rows (N,) of sweeps whose readings are in reverse order; None where these do not explain all that is
+    far from its command. A sweep is a movement without a turn."""
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(expected))) != 0.0) + 1
+    back, rows = off.copy(), list[int]()
+    for first, last in pairwise([0, *turns.tolist(), len(off)]):
+        # The row of a turn belongs to either sweep.
+        for start, end in ((first, last), (first, min(last + 1, len(off))), (first + 1, min(last + 1, len(off)))):
+            own, other = off[start:end] - expected[start:end], off[start:end][::-1] - expected[start:end]
+            is_far = np.abs(own) > limit
+            if is_far.sum() >= _FEWEST and np.abs(other).max() <= limit:
+                back[start:end] = off[start:end][::-1]
+                rows += (start + np.flatnonzero(is_far)).tolist()
+                break
+    if not rows or np.mean(np.abs(back - expected) <= limit) < _EXPLAINED:
+        return None
+    return np.unique(rows)
+
+
+def _whole_shift(reading: Array, expected: Array, limit: float, least: float = _EXPLAINED) -> AxisRowSlip | None:
+    """Return the slip of a column that is shifted as a whole; None where no shift brings a share ``least`` of it to its
+    commands."""
     for shift in _SHIFTS:
         first, last = max(shift, 0), len(reading) + min(shift, 0)
         difference = reading[first:last] - expected[first - shift : last - shift]
-        if len(difference) > _FEWEST and _explains(_zero(difference, limit)[1]):
+        within = _zero(difference, limit)[1]
+        if len(difference) > _FEWEST and float(within.mean()) >= least:
             return AxisRowSlip(RowSlipKind.SHIFTED, np.arange(len(reading)), str(shift))
     return None
 

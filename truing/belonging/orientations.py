@@ -13,6 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from truing.arrays import Array, Mask
 from truing.belonging.relation import RecordSlip, SlipKind
+from truing.belonging.rotation_writing import (
+    INVERTED,
+    MEASURED,
+    WrittenRotations,
+    otherwise_written,
+    written_otherwise_in_part,
+)
+from truing.belonging.slips_in_rows import Agreement, slipped_rows
 
 # Misfit, as a share of the spread of orientations, and least size, rad, above which they do not belong to the links:
 # far beyond zeros of joints that a calibration finds.
@@ -23,11 +31,12 @@ _EXPLAINED = 0.2  # of the misfit: what a slip may leave
 _ROUNDS, _MOST_ROUNDS, _MOST_POSES = 40, 2000, 200  # slow where orientations spread little
 _FAR, _MOST_STRAY = 5.0, 0.1  # typical misfits beyond which a row is stray, and the largest share of such rows
 _ALIKE = 4.0  # traces of rotations from pose to pose that differ by more times the limit, rad, are of other rotations
-_ORDERS = tuple("".join(own) for own in product("XYZ", repeat=3) if own[0] != own[1] != own[2])
-_MEASURED, _POSITIONS, _POSES = "measured orientations", "measured positions", "measured poses"
+_POSITIONS, _POSES = "measured positions", "measured poses"
 _BODY_AXES, _OF_INVERSE = "body axes", "of the inverse"
-_INVERTED = ("inverse", "inversion")
 _TURNED = 0.35  # rad: frames that differ by less do so by wrong zeros, by more through a slip
+# Rows that agree: fewest, least share, stretches and random draws that are tried, with their sizes.
+_FEWEST_AGREE, _LEAST_SHARE, _STRETCHES, _FEWEST_DRAWN, _MOST_FITTED = 6, 0.2, 12, 4, 30
+_ROUNDS_OF_SETS, _NEARLY_HALF = 5, 0.4  # a share that hardly another set of rows exceeds
 _SETTLED = 1e-4  # share by which a round of a fit improves it at least
 
 
@@ -37,7 +46,8 @@ class TurningMisfit:
 
     ``stray``: rows (B,) far from the others, which do not count. ``apart``: where orientations turn with the links, but
     measured positions contradict them or the links, the misfit, rad, of orientations on the base that positions fit;
-    None elsewhere. ``apart_after``: that without the slips.
+    None elsewhere. ``apart_after``: that without the slips. ``rows``: rows (B,) that the slips concern, and those that
+    are right as recorded; None where slips concern all. ``notable``: misfit, rad, from which on slips are sought.
     """
 
     before: float
@@ -47,17 +57,30 @@ class TurningMisfit:
     stray: Mask
     apart: float | None = None
     apart_after: float | None = None
+    rows: tuple[Mask, Mask] | None = None
+    notable: float = 0.0
 
 
 def turning_misfit(
-    links: NDArray, measured: NDArray, euler: str | None, positions: tuple[NDArray, NDArray] | None = None
+    links: NDArray, written: WrittenRotations, positions: tuple[NDArray, NDArray] | None = None
 ) -> TurningMisfit:
-    """Compare orientations of a link (B, 3, 3) by the chain with measured ones (B, 3, 3); seek slips if they differ.
+    """Compare orientations of a link (B, 3, 3) by the chain with measured ones; seek slips if they differ.
 
-    Base and tool are turned so that they fit best. ``euler``: the order in which Euler angles were read; None if
-    orientations were no Euler angles. ``positions``: those of the link by the chain (B, 3), and as measured (B, 3), m.
-    Where several slips explain the orientations, as cyclic exchanges of the axes do, positions decide.
+    Base and tool are turned so that they fit best. ``positions``: those of the link by the chain (B, 3), and as
+    measured (B, 3), m. Where several slips explain the orientations, as cyclic exchanges of the axes do, positions
+    decide.
     """
+    turning = _of_all(links, written, positions)
+    if turning.slips or not (turning.stray.any() or turning.before > turning.notable):
+        return turning
+    return _in_some_rows(links, written, positions, turning) or turning
+
+
+def _of_all(
+    links: NDArray, written: WrittenRotations, positions: tuple[NDArray, NDArray] | None = None
+) -> TurningMisfit:
+    """Compare orientations with the chain, and seek a slip in all of them."""
+    measured = written.R
     few = np.unique(np.linspace(0, len(links) - 1, min(len(links), _MOST_POSES)).round().astype(int))
     spread = max(_spread(links[few]), _spread(measured[few]))
     limit, notable = max(_FOREIGN * spread, _LEAST), max(_NOTABLE * spread, _LEAST_NOTABLE)
@@ -71,16 +94,16 @@ def turning_misfit(
         stray = away > max(limit, _FAR * float(np.median(away)))
     else:
         stray = np.zeros(len(links), bool)
-    links, measured = links[few], measured[few]
+    links, measured, written = links[few], measured[few], written.subset(few)
     near = None if positions is None else (positions[0][few], positions[1][few])
     before = _rms(_angles(frames, links, measured))
     if before <= notable:
-        turning = TurningMisfit(before, limit, before, (), stray)
-        return turning if near is None else _placed_misfit(turning, links, measured, euler, near)
+        turning = TurningMisfit(before, limit, before, (), stray, notable=notable)
+        return turning if near is None else _placed_misfit(turning, links, written, near)
     enough = min(_EXPLAINED * before, limit)
     tried = [
         (slip, other, _places(links, other, enough))
-        for slip, other in otherwise_written(measured, euler)
+        for slip, other in otherwise_written(written)
         if np.sqrt(np.mean((_turned(links) - _turned(other)) ** 2)) < _ALIKE * limit
     ]
     misfits = [(_rms(_angles(frames, links, other)), slip, other, frames[0]) for slip, other, frames in tried]
@@ -90,22 +113,136 @@ def turning_misfit(
     nearest = min((missed for _, missed in alike), default=0.0)
     slips = tuple(slip for slip, missed in alike if missed <= 2.0 * nearest)
     whole = _slip("inverse", _POSES)
-    if near is not None and slips and slips[0].subjects[0] in _INVERTED:
+    if near is not None and slips and slips[0].subjects and slips[0].subjects[0] in INVERTED:
         inverse = np.swapaxes(measured, -1, -2)
         if _is_placed(links, near[0], -np.einsum("bij,bj->bi", inverse, near[1])) and not _is_placed(links, *near):
             slips = (whole,)
-    return TurningMisfit(before, notable if slips else limit, least, slips, stray)
+    return TurningMisfit(before, notable if slips else limit, least, slips, stray, notable=notable)
+
+
+def _in_some_rows(
+    links: NDArray,
+    written: WrittenRotations,
+    positions: tuple[NDArray, NDArray] | None,
+    turning: TurningMisfit,
+) -> TurningMisfit | None:
+    """Return the slips in some rows that explain those that miss the base and tool of the others; None where none does,
+    or where positions of these rows miss as well, as they do by wrong readings."""
+    frames, near = _frames_of_most(links, written.R, turning.notable)
+    if near.sum() < max(_FEWEST_AGREE, _LEAST_SHARE * len(near)):
+        return None
+    if positions is not None:
+        frames, near = _placed_better(links, written.R, positions, (frames, near), turning.notable)
+    away = _angles(frames, links, written.R)
+    typical = float(np.median(away[near]))
+    agreed = Agreement(np.zeros(1), away, max(_FAR * typical, turning.notable), typical)
+    found = list[tuple[float, RecordSlip, Array, tuple[Mask, Mask]]]()
+    for slip, other in written_otherwise_in_part(written):
+        after = _angles(frames, links, other)
+        rows = slipped_rows(after[:, None], np.zeros((len(after), 1)), agreed)
+        if rows is not None:
+            found.append((_rms(after[rows[0]]), slip, other, rows))
+    if not found:
+        return None
+    found.sort(key=lambda one: one[0])
+    least, _, other, rows = found[0]
+    slips = tuple(slip for after, slip, _, (slipped, _) in found if after <= 2.0 * least and (slipped == rows[0]).all())
+    if positions is not None:
+        right, inverted = _missed_in_rows(links, written.R, frames, near, positions, rows[0])
+        if inverted < _EXPLAINED * right:
+            slips = (_slip("inverse", _POSES),)
+        elif right > _FAR * _missed_in_rows(links, written.R, frames, near, positions, near)[0]:
+            return None
+    before = _rms(away)
+    return TurningMisfit(
+        before, turning.notable, least, slips, np.zeros(len(near), bool), notable=turning.notable, rows=rows
+    )
+
+
+def _placed_better(
+    links: NDArray,
+    measured: NDArray,
+    positions: tuple[NDArray, NDArray],
+    found: tuple[tuple[Array, Array], Mask],
+    notable: float,
+) -> tuple[tuple[Array, Array], Mask]:
+    """Return base and tool of the rows found, or of the others where these agree too and their positions fit better.
+
+    Of an arm of parallel axes, inverse orientations agree among themselves.
+    """
+    frames, near = found
+    if (~near).sum() < _FEWEST_AGREE:
+        return found
+    other = _places(links[~near], measured[~near], notable)
+    others = _angles(other, links, measured) <= notable
+    if others.sum() < max(_FEWEST_AGREE, _LEAST_SHARE * len(near)):
+        return found
+    missed = [
+        _missed_in_rows(links, measured, *part, positions, part[1])[0] for part in ((frames, near), (other, others))
+    ]
+    return (other, others) if missed[1] < _EXPLAINED * missed[0] else found
+
+
+def _missed_in_rows(
+    links: NDArray,
+    measured: NDArray,
+    frames: tuple[Array, Array],
+    near: Mask,
+    positions: tuple[NDArray, NDArray],
+    rows: Mask,
+) -> tuple[float, float]:
+    """Return the rms distance, m, of some rows' positions (B, 3) as recorded and of inverse poses, where base and tool
+    are placed by the rows ``near``."""
+    on_base, seen = frames[0] @ links, positions[1]
+    about = seen - positions[0] @ frames[0].T
+    design = np.concatenate([np.broadcast_to(np.eye(3), links.shape), on_base], axis=2)
+    places = np.linalg.lstsq(design[near].reshape(-1, 6), about[near].ravel(), rcond=None)[0]
+    by_chain = positions[0] @ frames[0].T + design @ places
+    inverse = -np.einsum("bji,bj->bi", measured, seen)
+    return _rms((seen - by_chain)[rows]), _rms((inverse - by_chain)[rows])
+
+
+def _frames_of_most(links: NDArray, measured: NDArray, notable: float) -> tuple[tuple[Array, Array], Mask]:
+    """Return base and tool (3, 3) of the largest set of rows that agree within ``notable``, rad, and this set (B,)."""
+    best, near = (np.eye(3), np.eye(3)), np.zeros(len(links), bool)
+    for chosen in _windows(len(links)):
+        frames = _places(links[chosen], measured[chosen], notable)
+        agree = _angles(frames, links, measured) <= notable
+        if agree.sum() > near.sum():
+            best, near = frames, agree
+        if near.mean() > _NEARLY_HALF:
+            break
+    for _ in range(_ROUNDS_OF_SETS if near.any() else 0):
+        best = _fitted(links[near], measured[near], best[1])
+        agree = _angles(best, links, measured) <= notable
+        if (agree == near).all():
+            break
+        near = agree
+    return best, near
+
+
+def _windows(count: int) -> Iterator[NDArray]:
+    """Yield rows to which base and tool are fitted: stretches, every second and third row, and random ones."""
+    length = max(_FEWEST_AGREE, count // 5)
+    for first in np.unique(np.linspace(0, max(count - length, 0), _STRETCHES).astype(int)).tolist():
+        yield np.arange(first, min(first + length, count))
+    for step in (2, 3):
+        for first in range(step):
+            yield np.arange(first, count, step)[:_MOST_FITTED]
+    rng = np.random.default_rng(0)
+    for _ in range(_STRETCHES):
+        yield rng.permutation(count)[:_FEWEST_DRAWN]
 
 
 def _placed_misfit(
-    turning: TurningMisfit, links: NDArray, measured: NDArray, euler: str | None, near: tuple[NDArray, NDArray]
+    turning: TurningMisfit, links: NDArray, written: WrittenRotations, near: tuple[NDArray, NDArray]
 ) -> TurningMisfit:
     """Return the misfit of orientations on the base that positions fit, if it is large; with slips that explain it.
 
     Each may fit the chain in a frame of its own, though both are of one instrument: cyclic exchanges of axes only turn
     the frame of orientations. ``near``: positions by the chain and as measured (B, 3), m.
     """
-    by_chain, seen = near
+    measured, (by_chain, seen) = written.R, near
     base, alone = _alone(links, by_chain, seen)
     missed = _missed_angle(base, links, measured)
     if alone > _FOREIGN * _about_mean(seen):
@@ -119,7 +256,7 @@ def _placed_misfit(
     if missed < _TURNED:
         return turning
     found = list[tuple[float, RecordSlip]]()
-    for slip, other in (*_cycled(measured, euler), *otherwise_written(measured, euler)):
+    for slip, other in (*_cycled(measured, written.euler), *otherwise_written(written)):
         after = _missed_angle(base, links, other)
         if after < _EXPLAINED * missed:
             found.append((after, slip))
@@ -168,23 +305,7 @@ def _cycled(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, 
             yield _slip(written), order @ measured @ order.T
 
 
-def otherwise_written(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
-    """Yield slips with the orientations (B, 3, 3) without them.
-
-    A slip that reverses an odd number of components of the quaternion, or exchanges two, is an orthogonal map of four
-    dimensions with determinant -1. That is an inversion between two constant rotations, and an unknown base and tool
-    take these up. So the scalar at the other end, and rotation vectors with two components exchanged or one reversed,
-    are no trials of their own. Mirrored axes are no inversion, and cannot be seen at all.
-    """
-    yield _slip("inversion" if euler is None else "inverse"), np.swapaxes(measured, -1, -2)
-    read = Rotation.from_matrix(measured)
-    angles = read.as_rotvec() if euler is None else read.as_euler(euler)
-    for order in (*_ORDERS, *(letters.lower() for letters in _ORDERS)):
-        if order != euler:
-            yield _slip(order), Rotation.from_euler(order, angles).as_matrix()
-
-
-def _slip(written: str, quantity: str = _MEASURED) -> RecordSlip:
+def _slip(written: str, quantity: str = MEASURED) -> RecordSlip:
     return RecordSlip(SlipKind.ROTATION, quantity, (written,))
 
 

@@ -12,8 +12,8 @@ from scipy.special import gammaln
 from truing.arrays import Array, Index, Mask
 from truing.belonging.assignment import cheapest_columns
 from truing.belonging.evidence import Physics, log_evidence, physics
-from truing.belonging.orientations import otherwise_written
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
+from truing.belonging.rotation_writing import WrittenRotations, otherwise_written
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import inverse
 
@@ -167,7 +167,7 @@ def _other_rotations(motion: MeasuredMotion) -> Iterator[Description]:
         return
     (t, base), count = motion.base, len(motion.p)
     position, turned = t + (base @ motion.p[..., None])[..., 0], base @ motion.R
-    for slip, read in otherwise_written(np.concatenate([base, turned]), motion.euler):
+    for slip, read in otherwise_written(WrittenRotations(np.concatenate([base, turned]), motion.euler)):
         back = np.swapaxes(read[:count], -1, -2)
         yield Description((slip,), motion.legs, (back @ (position - t)[..., None])[..., 0], back @ read[count:])
 

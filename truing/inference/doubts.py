@@ -21,14 +21,16 @@ _EVEN = 0.5
 @dataclass(frozen=True)
 class Doubts:
     """Doubt of the whole model; accepted causes, by key, next to which or in place of which an effect without a name
-    may act; the random courses among these effects; effects without a name that larger noise may have produced; and
-    accepted causes from which another one is indistinguishable."""
+    may act; the random courses among these effects; effects without a name that larger noise may have produced;
+    accepted causes from which another one is indistinguishable; and those that other forms contest, with what may be a
+    consequence of these."""
 
     whole: Reason | None
     outdone: Collection[str]
     courses: Mapping[str, CourseRival]
     weak: Collection[str]
     with_rivals: Collection[str]
+    contested: Collection[str] = ()
 
     def checked(
         self, verdict: Verdict[CauseT], final: FittedModel[CauseT], given: Collection[CauseT]
@@ -60,7 +62,8 @@ class Doubts:
             reason = self.whole or (Reason.UNNAMED if course is None else Reason.COURSE)
             share = verdict.share_explained if course is None else course.share
             return replace(verdict, verdict=SUSPECTED, reason=reason, course=course, share_explained=share)
-        if not verdict.cause.is_distinct(verdict.values, verdict.covariance):
+        is_contested = verdict.cause.key in self.contested
+        if is_contested or not verdict.cause.is_distinct(verdict.values, verdict.covariance):
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE)
         if verdict.cause.is_assumed:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ASSUMED)

@@ -78,6 +78,14 @@ class CauseLike(Protocol):
         """Id of the plainer cause whose place it takes for the same subject; empty for most causes."""
 
     @property
+    def assumes(self) -> str:
+        """What its size rests on, such as declared weights; empty for most causes."""
+
+    @property
+    def denies(self) -> str:
+        """What it contradicts of what others assume; empty for most causes."""
+
+    @property
     def has_set_shape(self) -> bool:
         """True if the machine sets its shape, so that it was not searched among many."""
 

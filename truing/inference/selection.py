@@ -21,7 +21,7 @@ from truing.inference.blocks import EpochBlocks
 from truing.inference.doubts import Doubts, of_larger_noise, outdone_causes
 from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter, ScreenedValue
-from truing.inference.forward_search import ForwardSearch, Searched, Settings
+from truing.inference.forward_search import ForwardSearch, Searched, Settings, contested_causes
 from truing.inference.model import CampaignModel, CauseT, ConditionsLike, ConditionsT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.noise_selection import NoiseSelection
@@ -152,7 +152,7 @@ class CauseSelection(Generic[CauseT]):
         ratio, level = left.noise.ratio, self._search.settings.level
         weak = of_larger_noise(steps, verdicts, ratio, level) if left.is_noisier else set()
         with_rivals = {verdict.rival.key for verdict in verdicts if verdict.rival is not None}
-        doubts = Doubts(doubt, outdone, courses, weak, with_rivals)
+        doubts = Doubts(doubt, outdone, courses, weak, with_rivals, contested_causes(searched.kept))
         verdicts = [doubts.checked(verdict, searched.final, searched.given) for verdict in verdicts]
         if not holds:
             verdicts = [_with_confirmed_inputs(verdict, searched.final, attributions) for verdict in verdicts]

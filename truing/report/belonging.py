@@ -45,6 +45,7 @@ _FACTORS = {
         57.29577951308232: "radians in place of degrees",
         0.017453292519943295: "degrees in place of radians",
         0.9: "gon in place of degrees",
+        1.0 / 0.9: "degrees in place of gon",
     },
     "mass": {1e-3: "g in place of kg", 1.0 / 9.80665: "N in place of kg"},
     "load": {
@@ -257,6 +258,7 @@ def _coupled(slip: RecordSlip, how: str, key: str) -> str:
 _INVERSE = "as their inverses (the frame as seen from the body)"
 _BODY_AXES = "along the axes of the body (Rᵀp in place of p)"
 _OF_INVERSE = "of the inverse poses (−Rᵀp in place of p)"
+_OTHER_END = "as quaternions with the scalar at the other end (w, x, y, z against x, y, z, w)"
 _INVERSION = (
     f"{_INVERSE}, as quaternions with the scalar at the other end (w, x, y, z against x, y, z, w), or as rotation "
     "vectors with two components exchanged or one of opposite sign (equivalent where base and tool are unknown)"
@@ -264,13 +266,20 @@ _INVERSION = (
 
 
 def _rotation(slip: RecordSlip) -> str:
-    (written,) = slip.subjects
+    written, *rows = slip.subjects
     if written.startswith("components "):
         order = ", ".join(written.removeprefix("components "))
         return f"{slip.quantity} with {order} in the columns of x, y, z"
-    otherwise = {"inverse": _INVERSE, "inversion": _INVERSION, "body axes": _BODY_AXES, "of the inverse": _OF_INVERSE}
+    otherwise = {
+        "inverse": _INVERSE,
+        "inversion": _INVERSION,
+        "body axes": _BODY_AXES,
+        "of the inverse": _OF_INVERSE,
+        "scalar at the other end": _OTHER_END,
+        "rotation vector": "as rotation vectors, in place of Euler angles",
+    }
     read = f'as Euler angles, read otherwise: [poses] euler = "{written}"'
-    return f"{slip.quantity} {otherwise.get(written, read)}"
+    return " ".join([slip.quantity, *([listed(rows)] if rows else []), otherwise.get(written, read)])
 
 
 def _late(slip: RecordSlip) -> str:

@@ -152,6 +152,8 @@ class Cause(Generic[SceneT_contra]):
     catalogued: ClassVar[bool] = True  # False: a nonparametric effect
     has_known_scale: ClassVar[bool] = False  # True: its parameters are properties of materials, whose range is known
     recurs: ClassVar[bool] = False  # True: a sudden change that a part may well show several times in one campaign
+    assumes: ClassVar[str] = ""  # what its size rests on, such as declared weights
+    denies: ClassVar[str] = ""  # what it contradicts of what others assume
     plain_id: ClassVar[str] = ""  # id of the plainer cause whose place it takes for the same subject
     lacking: ClassVar[Missing | None] = None  # input without which it has no candidates
 

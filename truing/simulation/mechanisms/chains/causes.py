@@ -29,6 +29,8 @@ _LEAST_LOAD = 1e-6
 ROUNDED = 1e-4
 # Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.
 FEWEST, MOST_ONSETS = 4, 120
+DECLARED_WEIGHTS = "declared weights"
+"""Masses and payload of a campaign's description, on which the size of deflections rests."""
 _FEWEST_POSES = 12  # of a group that may scatter
 
 
@@ -310,6 +312,7 @@ class JointCompliance(JointCause):
     free: bool = False
 
     id = "joint-compliance"
+    assumes = DECLARED_WEIGHTS
     lacking = Missing.WEIGHT
 
     @property

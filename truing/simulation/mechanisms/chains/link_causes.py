@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.chains.causes import ROUNDED, AssumedCentres, ChainCause, ChainScene, moved_alike
+from truing.simulation.mechanisms.chains.causes import (
+    DECLARED_WEIGHTS,
+    ROUNDED,
+    AssumedCentres,
+    ChainCause,
+    ChainScene,
+    moved_alike,
+)
 from truing.simulation.mechanisms.chains.centres import carries_off_centre
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 from truing.simulation.mechanisms.chains.tree import JointKind
@@ -146,6 +153,7 @@ class LinkBending(AssumedCentres, LinkCause):
     load: float = 1.0  # largest rotation of its end per unit of flexibility, N m2
 
     id = "link-bending"
+    assumes = DECLARED_WEIGHTS
     lacking = Missing.WEIGHT
 
     def candidates(self, scene: ChainScene) -> Sequence[LinkBending]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.chains.causes import AssumedCentres, ChainScene, JointCause
+from truing.simulation.mechanisms.chains.causes import DECLARED_WEIGHTS, AssumedCentres, ChainScene, JointCause
 from truing.simulation.mechanisms.chains.centres import (
     AXES,
     carries_off_centre,
@@ -51,6 +51,7 @@ class ColumnTilt(AssumedCentres, LinkCause):
     load: float = 1.0  # largest moment, N m
 
     id = "column-tilt"
+    assumes = DECLARED_WEIGHTS
     lacking = Missing.WEIGHT
 
     def candidates(self, scene: ChainScene) -> Sequence[ColumnTilt]:

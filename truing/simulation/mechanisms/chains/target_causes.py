@@ -29,7 +29,11 @@ _FEW_ONSETS = 2  # of the onsets, every so many for targets seen by distances
 
 @dataclass(frozen=True)
 class DistanceOffset(ChainCause):
-    """Distances are read too long by a constant from some pose on: all of them, or those of one ``end``."""
+    """Distances are read too long by a constant: all of them, or those of one ``end``; from some pose on, or always.
+
+    A zero that is wrong in all poses differs from other places of the stations: distances differ by as much near and
+    far.
+    """
 
     end: str = ""
     from_pose: int | str = ""
@@ -45,16 +49,19 @@ class DistanceOffset(ChainCause):
         return f"distance {self.end}" if self.end else ""
 
     def candidates(self, scene: ChainScene) -> Sequence[DistanceOffset]:
-        """Return an onset at every pose, or at every few poses, for all distances and for those of each station."""
-        onsets = onsets_of_change(scene.inputs_of_machine) if scene.distances else []
+        """Return an onset at every pose, or at every few poses, and none, for all distances and for those of each
+        station."""
+        onsets = [("", -np.inf), *onsets_of_change(scene.inputs_of_machine)] if scene.distances else []
         counts = Counter(end for pair in scene.distances for end in set(pair))
         ends = [end for end, number in counts.items() if number < len(scene.distances)]
         return [
             replace(self, end=end, from_pose=pose, from_order=order) for end in ("", *ends) for pose, order in onsets
         ]
 
-    def onsets(self, scene: ChainScene) -> Onsets[DistanceOffset]:
-        """Return every pose with some poses before it and from it on."""
+    def onsets(self, scene: ChainScene) -> Onsets[DistanceOffset] | None:
+        """Return every pose with some poses before it and from it on; None of an offset of all poses."""
+        if self.from_pose == "":
+            return None
 
         def begun_at(pose: int | str, order: float) -> DistanceOffset:
             return replace(self, from_pose=pose, from_order=order)
@@ -71,11 +78,9 @@ class DistanceOffset(ChainCause):
         return ((machine.order >= self.from_order)[:, None] * is_affected)[..., None]
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the shift, and the first pose with it."""
-        return (
-            *super().reported(values, covariance, legs),
-            ReportedParameter("from_pose", str(self.from_pose), None, ""),
-        )
+        """Return the shift, and the first pose with it, if it is not in all poses."""
+        since = () if self.from_pose == "" else (ReportedParameter("from_pose", str(self.from_pose), None, ""),)
+        return (*super().reported(values, covariance, legs), *since)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from truing.arrays import Array
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.chains.causes import (
+    DECLARED_WEIGHTS,
     ChainScene,
     JointCause,
     JointCompliance,
@@ -48,6 +49,7 @@ class WeightFactor(JointCause):
 
     id = "weight-factor"
     plain_id = JointCompliance.id
+    denies = DECLARED_WEIGHTS
 
     @property
     def family(self) -> str:
