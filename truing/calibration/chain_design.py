@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
-from truing.estimation.design.observability import Observability, inseparable, observe, pivots
+from truing.estimation.design.observability import Observability, inseparable, observe
 from truing.estimation.design.pose_selection import (
     DesignBound,
     bound_design,
@@ -31,6 +31,7 @@ from truing.inference.observations import whitened_columns
 from truing.simulation.cause import OBSERVED
 from truing.simulation.mechanisms.chains.causes import ChainCause
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.link_components import along_components
 from truing.simulation.mechanisms.chains.model import FREE_TWIST, ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST
 
@@ -112,7 +113,7 @@ def chain_unknowns(model: ChainModel) -> tuple[tuple[ChainUnknown, ...], Array]:
     owner = np.argmax(np.abs(links).max(1), axis=0) if links.size else np.zeros(0, int)
     for node in dict.fromkeys(owner.tolist()):
         indices = np.flatnonzero(owner == node)
-        modes, rotation, chosen = _along_components(links[node][:, indices])
+        modes, rotation, chosen = along_components(links[node][:, indices])
         turn[np.ix_(start + indices, start + indices)] = rotation
         for index, c in enumerate(chosen):
             size = float(np.abs(modes[c, index]))
@@ -136,16 +137,6 @@ def chain_unknowns(model: ChainModel) -> tuple[tuple[ChainUnknown, ...], Array]:
 def _unknown_of_twist(kind: UnknownKind, subject: str, component: int, size: float, is_known: bool) -> ChainUnknown:
     unit, si = ("mm", _MM) if component < TWIST // 2 else ("rad", 1.0)
     return ChainUnknown(kind, subject, _COMPONENTS[component], unit, float(size) / si, is_known)
-
-
-def _along_components(modes: NDArray) -> tuple[Array, Array, list[int]]:
-    """Return modes (6, r) of one joint turned towards components, the rotation (r, r), and those components."""
-    size = np.concatenate([np.full(3, np.abs(part).max(initial=0.0)) for part in (modes[:3], modes[3:])])
-    scaled = modes / np.where(size > 0.0, size, 1.0)[:, None]
-    chosen = sorted(pivots(scaled.T))
-    left, _, right = np.linalg.svd(scaled[chosen])
-    rotation = right.T @ left.T
-    return modes @ rotation, rotation, chosen
 
 
 def _unknowns_of_targets(model: ChainModel) -> list[ChainUnknown]:
