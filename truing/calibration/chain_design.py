@@ -189,11 +189,12 @@ class Remedy(StrEnum):
 @dataclass(frozen=True)
 class HiddenCombination:
     """Unknowns that data determine less well than prior knowledge does; ``poses``: candidates that would show it, with
-    the number of times that each has to be measured."""
+    the number of times that each has to be measured. ``members``: the unknowns, each with its change in its unit."""
 
     text: str
     sigma: float
     remedy: Remedy
+    members: tuple[tuple[ChainUnknown, float], ...]
     poses: tuple[int, ...] = ()
     times: tuple[int, ...] = ()
 
@@ -231,15 +232,18 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
         direction[[known[label] for label in labels]] = (
             change / observability.scales[[known[label] for label in labels]]
         )
+        own = zip(labels, change, strict=True)
+        changes = tuple((unknowns[known[label]], float(size)) for label, size in own if size != 0.0)
         sight = float(observability.sensitivity(direction))
         sigma = 1.0 / sight if sight > observability.rounding else np.inf
         if float(every.sensitivity(direction)) > every.least:
             fitted = replace(offered, fitted=Fitted(poses.model, np.zeros(len(turn)), covariance))
             choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_TOLD)
             if choice.is_enough:
-                combinations.append(HiddenCombination(text, sigma, Remedy.POSES, choice.chosen, choice.times))
+                combinations.append(HiddenCombination(text, sigma, Remedy.POSES, changes, choice.chosen, choice.times))
                 continue
-        combinations.append(HiddenCombination(text, sigma, _knowledge_that_shows(observability, unknowns, direction)))
+        remedy = _knowledge_that_shows(observability, unknowns, direction)
+        combinations.append(HiddenCombination(text, sigma, remedy, changes))
     return sorted(combinations, key=lambda combination: -combination.sigma)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from truing.report.chain_curves import CURVES, GUIDEWAYS, error_curves, guideway_errors
+from truing.report.chain_inseparable import inseparable_listing, inseparable_words
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.heads import POSE, Head
 from truing.report.numbers import count_text, listed, plain, quantity, rough, sign, with_uncertainty
@@ -109,6 +110,8 @@ def chain(tables: Tables) -> ReportSection | None:
     if (guideways := table_or_none(tables, "guideway_errors")) is not None:
         figures.append((guideway_errors(guideways), GUIDEWAYS))
     listings = [_listing(numbers)] if numbers is not None else []
+    hidden = table_or_none(tables, "chain_inseparable")
+    listings += [found for table in (hidden,) if table is not None and (found := inseparable_listing(table))]
     series = table_or_none(tables, "series_errors")
     listings += [_by_series(series)] if series is not None else []
     motors = table_or_none(tables, "motor_encoders")
@@ -120,7 +123,9 @@ def chain(tables: Tables) -> ReportSection | None:
     return ReportSection(
         "chain",
         "Chain",
-        _opening_sentences(joints, numbers),
+        " ".join(
+            filter(None, (_opening_sentences(joints, numbers), "" if hidden is None else inseparable_words(hidden)))
+        ),
         tuple(figures),
         tuple(listings),
         statements=statements,
