@@ -11,9 +11,14 @@ import pyarrow as pa
 from truing.arrays import TableRow
 from truing.calibration.chain_design import HiddenCombination, PlannedPoses, Remedy, hidden_combinations
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.faults import CampaignFaults
 from truing.simulation.mechanisms.chains.model import ChainModel
-from truing.stages.common.chain_candidates import conditions_of_table, drawn_readings, forbidden_poses, joint_ranges
+from truing.stages.common.chain_candidates import (
+    JointRanges,
+    conditions_of_table,
+    drawn_readings,
+    forbidden_poses,
+    joint_ranges,
+)
 from truing.stages.diagnosis.next_measurement import MeasuredPoints
 
 if TYPE_CHECKING:
@@ -22,19 +27,17 @@ if TYPE_CHECKING:
 
 _PROBES = 200  # poses that stand for all that could be measured
 _SEED = 0
+_SMALL_TURN, _SMALL_SHIFT = 0.5, 0.05  # rad and m, of a joint without a range
 
 
-def inseparable_table(fitted: FittedModel, settings: Campaign, tables: Mapping[str, pa.Table]) -> pa.Table | None:
+def inseparable_table(fitted: FittedModel, settings: Campaign, tables: Mapping[str, pa.Table]) -> pa.Table:
     """Rows of chain_inseparable.parquet: the members of each combination of numbers that the poses of a fit hide.
 
-    Other poses are drawn over the ranges of the joints. None where a joint has no range.
+    Other poses are drawn over the ranges of the joints.
     """
     plain: object = fitted.model.with_causes(())
     assert isinstance(plain, ChainModel)
-    try:
-        ranges = joint_ranges(plain.tree, settings, tables["joints"], tables["configurations"])
-    except CampaignFaults:  # a joint that was never moved, and has no limits
-        return None
+    ranges = _ranges(plain, settings, tables)
     instrument = MeasuredPoints(fitted.measured, fitted.fit.frames).instrument()
     nowhere = forbidden_poses(plain.tree, ranges, None, "")
     readings = drawn_readings(plain.tree, ranges, nowhere, _PROBES, np.random.default_rng(_SEED))
@@ -47,6 +50,13 @@ def inseparable_table(fitted: FittedModel, settings: Campaign, tables: Mapping[s
         poses = ["; ".join(f"{name} {value:g}" for name, value in row.items()) for row in named]
         rows += _rows(number, combination, poses)
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_inseparable"].arrow_schema())
+
+
+def _ranges(model: ChainModel, settings: Campaign, tables: Mapping[str, pa.Table]) -> JointRanges:
+    """Return the ranges of the joints; one that stood still, and has no limits, is taken to move a little."""
+    at, size = model.conditions.readings[0], np.where(model.tree.is_revolute, _SMALL_TURN, _SMALL_SHIFT)
+    small = dict(zip(model.tree.readings, zip((at - size).tolist(), (at + size).tolist(), strict=True), strict=True))
+    return joint_ranges(model.tree, settings, tables["joints"], tables["configurations"], small)
 
 
 def _rows(number: int, combination: HiddenCombination, poses: list[str]) -> list[TableRow]:

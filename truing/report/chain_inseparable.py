@@ -10,14 +10,17 @@ from truing.report.numbers import count_text, plain
 from truing.report.page import Listing
 from truing.report.tables import Row
 
+_NONE = "none"
+_OWN = ("link", "offset")
 _REMEDIES = {
     "poses": "other poses",
     "payload": "another payload",
     "base-targets": "targets of known place on the base",
     "target-places": "known places of the targets",
-    "none": "no pose: together they move no target",
+    _NONE: "no pose: together they move no target",
 }
-_MOST = 4  # members of a combination that is shown: longer ones concern places of targets within their survey
+_MOST = 4  # numbers of links in a combination that is shown; the artifact holds all
+_SINGLY = 2  # numbers of the base, or places of targets, that are named one by one
 _MILLI = 1e3
 _HEADS = (
     Head("change together", "Changes of numbers that together move no measurement, or less than was known before."),
@@ -28,12 +31,14 @@ _HEADS = (
 )
 
 
-def inseparable_listing(table: pd.DataFrame) -> Listing | None:
-    """Return the combinations, those that other poses would separate first; None where there are none."""
-    groups = [group for _, group in table.groupby("combination_number", sort=True) if len(group) <= _MOST]
+def inseparable_listing(table: pd.DataFrame, numbers: pd.DataFrame) -> Listing | None:
+    """Return the combinations with a number that is not determined, those that other poses would separate first.
+
+    ``numbers``: rows of chain_parameters. None where there are no combinations.
+    """
+    groups = _shown(table, numbers)
     if not groups:
         return None
-    groups.sort(key=lambda group: str(group["remedy"].iloc[0]) != "poses")
     rows, marks = [], []
     for group in groups:
         remedy, pose = str(group["remedy"].iloc[0]), group["separating_pose"].iloc[0]
@@ -43,28 +48,45 @@ def inseparable_listing(table: pd.DataFrame) -> Listing | None:
     return Listing(_HEADS, tuple(rows), tuple(marks), caption, held_by="chain_inseparable.parquet")
 
 
-def inseparable_words(table: pd.DataFrame) -> str:
+def inseparable_words(table: pd.DataFrame, numbers: pd.DataFrame) -> str:
     """Return a sentence on the number of combinations by what would separate them; empty where there are none."""
-    groups = [group for _, group in table.groupby("combination_number", sort=True) if len(group) <= _MOST]
-    remedies = [str(group["remedy"].iloc[0]) for group in groups]
+    remedies = [str(group["remedy"].iloc[0]) for group in _shown(table, numbers)]
     if not remedies:
         return ""
     parts = [
-        f"{remedies.count(key)} by {words}" for key, words in _REMEDIES.items() if key != "none" and remedies.count(key)
+        f"{remedies.count(key)} by {words}" for key, words in _REMEDIES.items() if key in remedies and key != _NONE
     ]
-    left = remedies.count("none")
+    left = remedies.count(_NONE)
     parts += [f"{left} by no pose of the joints"] if left else []
     total = count_text(len(remedies), "combination")
     return f"These poses do not separate {total} of numbers, which would be separated: {', '.join(parts)}."
 
 
+def _shown(table: pd.DataFrame, numbers: pd.DataFrame) -> list[pd.DataFrame]:
+    """Return the combinations of few numbers of links, one of which the data do not determine."""
+    unknown = {(r.joint, r.parameter) for r in numbers.itertuples() if not r.identifiable}
+    groups = []
+    for _, group in table.groupby("combination_number", sort=True):
+        own = group[group["number_kind"].isin(_OWN)]
+        named = set(zip(own["subject"], own["parameter"], strict=True))
+        if 0 < len(own) <= _MOST and named & unknown:
+            groups.append(group)
+    return sorted(groups, key=lambda group: str(group["remedy"].iloc[0]) != "poses")
+
+
 def _together(group: pd.DataFrame) -> str:
-    """Return the members with their changes, scaled to a largest angle of 1 mrad, or a largest length of 1 mm."""
-    angles = group["unit"] == "rad"
-    sizes = group["number_change"].abs()
+    """Return the members with their changes, scaled to a largest angle of 1 mrad, or a largest length of 1 mm, of the
+    numbers of links; other numbers, if they are many, without their changes."""
+    own = group[group["number_kind"].isin(_OWN)]
+    angles, sizes = own["unit"] == "rad", own["number_change"].abs()
     scale = (1e-3 / sizes[angles].max()) if angles.any() else 1.0 / sizes.max()
-    first = np.sign(group["number_change"].iloc[-1]) or 1.0
-    return ", ".join(_member(row, first * scale * row.number_change) for row in group.iloc[::-1].itertuples())
+    scale *= np.sign(own["number_change"].iloc[0])
+    words = [_member(row, scale * row.number_change) for row in own.itertuples()]
+    for kind, many in (("base", "the place of the base"), ("target", "the places of targets")):
+        others = group[group["number_kind"] == kind]
+        few = len(others) <= _SINGLY
+        words += [_member(row, scale * row.number_change) for row in others.itertuples()] if few else [many]
+    return ", ".join(words)
 
 
 def _member(row: Row, change: float) -> str:

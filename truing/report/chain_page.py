@@ -111,7 +111,10 @@ def chain(tables: Tables) -> ReportSection | None:
         figures.append((guideway_errors(guideways), GUIDEWAYS))
     listings = [_listing(numbers)] if numbers is not None else []
     hidden = table_or_none(tables, "chain_inseparable")
-    listings += [found for table in (hidden,) if table is not None and (found := inseparable_listing(table))]
+    opening = _opening_sentences(joints, numbers)
+    if hidden is not None and numbers is not None:
+        opening = f"{opening} {inseparable_words(hidden, numbers)}".strip()
+        listings += [found] if (found := inseparable_listing(hidden, numbers)) is not None else []
     series = table_or_none(tables, "series_errors")
     listings += [_by_series(series)] if series is not None else []
     motors = table_or_none(tables, "motor_encoders")
@@ -123,9 +126,7 @@ def chain(tables: Tables) -> ReportSection | None:
     return ReportSection(
         "chain",
         "Chain",
-        " ".join(
-            filter(None, (_opening_sentences(joints, numbers), "" if hidden is None else inseparable_words(hidden)))
-        ),
+        opening,
         tuple(figures),
         tuple(listings),
         statements=statements,
