@@ -208,13 +208,25 @@ DesignCauses = Annotated[
     ),
 ]
 DesignAccuracy = Annotated[
-    bool, typer.Option("--accuracy", help="Instead: accuracy of the pose from that of the actuators.")
+    bool,
+    typer.Option(
+        "--accuracy",
+        help="Instead: accuracy of the pose by the actuators, or of a chain after a calibration.",
+    ),
 ]
 DesignUniqueness = Annotated[
-    bool, typer.Option("--uniqueness", help="Instead: proof that readings determine the pose over the workspace.")
+    bool,
+    typer.Option(
+        "--uniqueness",
+        help="Instead: proof of one pose for its readings, or numbers of a chain that data determine.",
+    ),
 ]
 DesignTolerances = Annotated[
-    bool, typer.Option("--tolerances", help="Instead: errors of the platform of a force sensor by each tolerance.")
+    bool,
+    typer.Option(
+        "--tolerances",
+        help="Instead: errors of a force sensor's platform, or of a chain's tip, by each tolerance.",
+    ),
 ]
 
 # `truing power`.

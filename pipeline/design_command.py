@@ -74,18 +74,8 @@ def _design_chain(
     campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole
 ) -> ExitCode:
     """Choose poses of a chain; next to the plan, tables of what its poses show. Raises CampaignFaults."""
-    settings = campaign.validated()
-    extend = None if files.extend is None else read_given(files.extend, "a configurations table")
-    functions: tuple[Forbids, ...] = ()
-    avoid = None
-    if files.avoid is not None and _FUNCTION.fullmatch(str(files.avoid)):
-        functions = (_function(str(files.avoid)),)
-    elif files.avoid is not None:
-        avoid = read_given(files.avoid, "a table of forbidden regions")
-    tables = ChainDesignTables(
-        chain_tables(campaign, settings), extend, str(files.extend), avoid, str(files.avoid), functions
-    )
-    chain_design = design_chain(settings, options, tables)
+    tables = tables_of_chain(campaign, files)
+    chain_design = design_chain(campaign.validated(), options, tables)
     for line in words_of_chain(chain_design):
         console.sentence(line)
     _write_table(
@@ -103,6 +93,21 @@ def _design_chain(
         )
         _write_shown({poses: visible.causes for poses, visible in visible_tables.items()}, files.out, "causes", console)
     return ExitCode.DONE
+
+
+def tables_of_chain(campaign: CampaignFolder, files: DesignFiles) -> ChainDesignTables:
+    """Tables of a design of a chain: those of the campaign, and files of the call; raises CampaignFaults."""
+    settings = campaign.validated()
+    extend = None if files.extend is None else read_given(files.extend, "a configurations table")
+    functions: tuple[Forbids, ...] = ()
+    avoid = None
+    if files.avoid is not None and _FUNCTION.fullmatch(str(files.avoid)):
+        functions = (_function(str(files.avoid)),)
+    elif files.avoid is not None:
+        avoid = read_given(files.avoid, "a table of forbidden regions")
+    return ChainDesignTables(
+        chain_tables(campaign, settings), extend, str(files.extend), avoid, str(files.avoid), functions
+    )
 
 
 def _design_axis(campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:

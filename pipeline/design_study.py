@@ -5,17 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import pandas as pd
 import pyarrow as pa
 
-from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.campaign_folder import CampaignFolder, open_campaign
 from truing.pipeline.console import RunConsole
-from truing.pipeline.design_command import DesignFiles, design_tables
+from truing.pipeline.design_command import DesignFiles, design_tables, tables_of_chain
 from truing.pipeline.given_files import check_file, leave_tables
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.accuracy_page import accuracy_head, accuracy_sections, accuracy_words
+from truing.report.chain_study_page import (
+    chain_accuracy_head,
+    chain_accuracy_sections,
+    chain_accuracy_words,
+    chain_tolerance_head,
+    chain_tolerance_sections,
+    chain_tolerance_words,
+    chain_uniqueness_head,
+    chain_uniqueness_sections,
+    chain_uniqueness_words,
+)
 from truing.report.glossary_section import with_reference
 from truing.report.page import PageHead, ReportSection
 from truing.report.rendering.render import render_page
@@ -24,6 +36,12 @@ from truing.report.uniqueness_page import uniqueness_head, uniqueness_sections, 
 from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.configurations.accuracy import accuracy_tables
+from truing.stages.configurations.chain_poses import ChainDesignTables
+from truing.stages.configurations.chain_studies import (
+    chain_accuracy_tables,
+    chain_tolerance_tables,
+    chain_uniqueness_tables,
+)
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
 from truing.stages.configurations.uniqueness import uniqueness_tables
 from truing.stages.responses.tolerances import chain_tables, tolerance_tables
@@ -31,11 +49,14 @@ from truing.stages.responses.tolerances import chain_tables, tolerance_tables
 Frames = Mapping[str, pd.DataFrame]
 
 
+TablesT = TypeVar("TablesT")
+
+
 @dataclass(frozen=True)
-class DesignStudy:
+class DesignStudy(Generic[TablesT]):
     """A study: its tables by the ending of their file, the name of the first of them, its words and its page."""
 
-    tables: Callable[[Campaign, DesignOptions, DesignTables], dict[str, pa.Table]]
+    tables: Callable[[Campaign, DesignOptions, TablesT], dict[str, pa.Table]]
     first: str
     words: Callable[[Frames], list[str]]
     head: Callable[[str, Frames], PageHead]
@@ -51,7 +72,7 @@ def _as_artifacts(frames: Frames) -> Frames:
     return {f"tolerance_{name}": frame for name, frame in frames.items()}
 
 
-STUDIES = {
+LEG_STUDIES: Mapping[str, DesignStudy[DesignTables]] = {
     "accuracy": DesignStudy(accuracy_tables, "worst", accuracy_words, accuracy_head, accuracy_sections),
     "uniqueness": DesignStudy(uniqueness_tables, "statements", uniqueness_words, uniqueness_head, uniqueness_sections),
     "tolerances": DesignStudy(
@@ -64,6 +85,29 @@ STUDIES = {
 }
 
 
+CHAIN_STUDIES: Mapping[str, DesignStudy[ChainDesignTables]] = {
+    "accuracy": DesignStudy(
+        chain_accuracy_tables, "errors", chain_accuracy_words, chain_accuracy_head, chain_accuracy_sections
+    ),
+    "uniqueness": DesignStudy(
+        chain_uniqueness_tables, "numbers", chain_uniqueness_words, chain_uniqueness_head, chain_uniqueness_sections
+    ),
+    "tolerances": DesignStudy(
+        chain_tolerance_tables, "errors", chain_tolerance_words, chain_tolerance_head, chain_tolerance_sections
+    ),
+}
+# What an axis has in place of each study.
+_OF_AXIS = {
+    "accuracy": "a chain or legs: `truing run` measures the accuracy of an axis (section Positioning), and `truing "
+    "design` without this option says which errors a plan of targets shows",
+    "uniqueness": "a chain or legs: each command of an axis has one position, and one number per effect; `truing "
+    "design` without this option says which effects the targets show",
+    "tolerances": "a chain or a force sensor: an axis has no links; `truing power` says which of its errors are found",
+}
+# Tables of the call that a study of a chain takes, next to those of the campaign.
+_TAKEN = {"accuracy": ("--extend", "--avoid", "--causes"), "uniqueness": ("--avoid",), "tolerances": ("--avoid",)}
+
+
 def study_campaign(
     path: Path, studies: Sequence[str], options: DesignOptions, files: DesignFiles, console: RunConsole
 ) -> ExitCode:
@@ -71,15 +115,40 @@ def study_campaign(
     name, *further = studies
     if further:
         raise CampaignFaults([Fault(f"--{further[0]}", f"one study at a time, not with --{name}")])
-    campaign, study = open_campaign(path), STUDIES[name]
-    check_file(files.out, reads=(files.avoid,), campaign=campaign)
-    given: dict[str, object] = {"--extend": files.extend, "--avoid": None if name == "accuracy" else files.avoid}
+    campaign = open_campaign(path)
+    settings = campaign.validated()
+    kind = settings.mechanism.type
+    check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
+    if kind == "axis":
+        raise CampaignFaults([Fault("campaign.toml", _OF_AXIS[name], column="mechanism.type", value=kind)])
+    taken = _TAKEN[name] if kind == "chain" else ("--avoid",) if name == "accuracy" else ()
+    given: dict[str, object] = {"--extend": files.extend, "--avoid": files.avoid}
     given |= {"--parameters": ",".join(options.parameters), "--causes": ",".join(options.causes)}
-    if unused := [Fault(key, f"no such option with --{name}", value=str(one)) for key, one in given.items() if one]:
+    unused = [
+        Fault(key, f"no such option with --{name}", value=str(one))
+        for key, one in given.items()
+        if one and key not in taken
+    ]
+    if unused:
         raise CampaignFaults(unused)
-    settings, folder = campaign.validated(), folder_next_to_run(campaign)
+    if kind == "chain":
+        return _left(campaign, name, CHAIN_STUDIES[name], tables_of_chain(campaign, files), options, files, console)
     tables = DesignTables() if name == "tolerances" else design_tables(campaign, files)
-    found = study.tables(settings, options, tables)
+    return _left(campaign, name, LEG_STUDIES[name], tables, options, files, console)
+
+
+def _left(
+    campaign: CampaignFolder,
+    name: str,
+    study: DesignStudy[TablesT],
+    tables: TablesT,
+    options: DesignOptions,
+    files: DesignFiles,
+    console: RunConsole,
+) -> ExitCode:
+    """Print the results of a study, and leave its tables and page."""
+    folder = folder_next_to_run(campaign)
+    found = study.tables(campaign.validated(), options, tables)
     frames = {ending.lstrip("-") or study.first: table.to_pandas() for ending, table in found.items()}
     for line in study.words(frames):
         console.sentence(line)

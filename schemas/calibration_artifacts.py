@@ -123,6 +123,12 @@ CALIBRATION = (
         "joint* parameter* unit identified sigma tolerance pull identifiable",
     ),
     parquet(
+        "chain_inseparable",
+        "numbers of a chain that its measurements do not separate: members of each combination whose change moves no "
+        "measurement, or less than the numbers were known before; and what would separate them",
+        "combination_number* number_kind subject* parameter* unit number_change remedy separating_pose",
+    ),
+    parquet(
         "joint_curves",
         "error curves of joints that the extended model holds: motion minus reading, along the reading",
         "joint* joint_reading_si* deviation_si deviation_sigma_si is_determined",

@@ -52,6 +52,20 @@ MEASURED_COLUMNS = (
     integer("below", "node that carries this one; -1 for the base", minimum=-1),
     text("joint_kind", "motion of the joint", choices=("fixed", "revolute", "prismatic")),
     *(real(f"axis_{a}", "", f"component of the joint's axis along {a}, in the joint's frame") for a in "xyz"),
+    integer("combination_number", "number of the combination", minimum=1),
+    text(
+        "number_kind",
+        "what a number of a chain describes",
+        choices=("base", "link", "offset", "target", "cause"),
+    ),
+    real("number_change", "", "change of the number within the combination, in the unit of its row"),
+    text(
+        "remedy",
+        "what would separate the combination: other poses, another payload, targets of known place on the base, known "
+        "places of the targets, or none of these",
+        choices=("poses", "payload", "base-targets", "target-places", "none"),
+    ),
+    text("separating_pose", "readings of a pose that would separate the combination, by column", nullable=True),
     text("closure", "closure of the chain's loops, of an installed package; empty for an open chain", nullable=True),
     text("follows_joint", "joint whose reading moves this one; empty for a fixed joint", nullable=True),
     real("factor", "", "motion of the joint per unit of the reading"),

@@ -6,7 +6,7 @@ Like `stages.design` no stage of a run: tables in, tables and numbers out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +25,7 @@ from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_candidates import (
     FILE,
+    ForbiddenPoses,
     JointRanges,
     conditions_of_table,
     drawn_readings,
@@ -47,13 +48,30 @@ _PROBES = 200  # candidates that decide whether other poses, or another payload,
 _PLAN_POSES = 12  # least number of poses of a campaign that are evaluated
 
 
-def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesignTables) -> ChainDesign:
-    """Choose poses of a chain, and report the detectable effects of these and the campaign's own poses.
+@dataclass(frozen=True)
+class ChainScope:
+    """Poses that a chain may take, and the model and instrument that evaluate them.
 
-    Raises CampaignFaults.
+    ``drawn`` (C, n): candidate readings within ``ranges``, rad or m. ``layout``: the campaign's own poses; ``offered``:
+    the candidates. ``kept`` (K, n): readings of poses that stay in the plan, with their information (G, G).
     """
-    _check(options)
-    given, rng = tables.campaign, np.random.default_rng(options.seed)
+
+    tree: Tree
+    ranges: JointRanges
+    regions: ForbiddenPoses
+    drawn: Array
+    data: DiagnosisData[ChainModel]
+    layout: PlannedPoses
+    offered: PlannedPoses
+    kept: Array | None
+    kept_information: Array | None
+
+
+def chain_scope(
+    settings: Campaign, options: DesignOptions, tables: ChainDesignTables, rng: np.random.Generator
+) -> ChainScope:
+    """Draw candidates, and linearise the campaign's model, with the causes of the options; raises CampaignFaults."""
+    given = tables.campaign
     tree = tree_of(given["joints"])
     ranges = joint_ranges(tree, settings, given["joints"], given.get("configurations"))
     regions = forbidden_poses(tree, ranges, tables.avoid, tables.avoid_file, tables.functions)
@@ -61,33 +79,50 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
     data = _data(given, tree, ranges, drawn, settings)
     layout = _layout(data)
     offered = _planned(layout, settings, ranges.table(drawn, pose=pa.array(np.arange(len(drawn)))), drawn)
-    with_causes = _with_causes(offered, settings, options.causes)
-    rows = with_causes.rows
-    kept_readings, kept = _kept_poses(with_causes, settings, tables, tree)
-    choice = choose_chain_poses(rows, options.poses, kept, options.method, rng)
+    offered = _with_causes(offered, settings, options.causes)
+    kept = _kept_poses(offered, settings, tables, tree)
+    return ChainScope(tree, ranges, regions, drawn, data, layout, offered, *kept)
+
+
+def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesignTables) -> ChainDesign:
+    """Choose poses of a chain, and report the detectable effects of these and the campaign's own poses.
+
+    Raises CampaignFaults.
+    """
+    _check(options)
+    rng = np.random.default_rng(options.seed)
+    scope = chain_scope(settings, options, tables, rng)
+    ranges, drawn, layout = scope.ranges, scope.drawn, scope.layout
+    rows = scope.offered.rows
+    choice = choose_chain_poses(rows, options.poses, scope.kept_information, options.method, rng)
     chosen = drawn[choice.chosen]
     check = verification_poses(drawn, chosen, ranges, options.verification)
     plan = np.concatenate([chosen, check])
-    order = ordered_poses(plan, ranges, kept_readings, options, rng)
+    order = ordered_poses(plan, ranges, scope.kept, options, rng)
     table = plan_table(ranges, plan, order, options, tables.extend)
-    everything = poses_to_fit(ranges, kept_readings, table)
-    measured = _planned(layout, settings, everything, joint_readings(tree, everything))
-    probes = _subset(offered, slice(0, _PROBES))
-    existing = _measured_poses(data, given, settings, tree, layout)
+    everything = poses_to_fit(ranges, scope.kept, table)
+    measured = _planned(layout, settings, everything, joint_readings(scope.tree, everything))
+    probes = probe_poses(scope)
+    existing = measured_poses(scope, tables)
     return ChainDesign(
         options,
         table,
         ranges,
-        len(regions.links) + len(regions.functions),
+        len(scope.regions.links) + len(scope.regions.functions),
         len(drawn),
         choice,
-        0 if kept_readings is None else len(kept_readings),
+        0 if scope.kept is None else len(scope.kept),
         order,
-        None if existing is None or len(layout.model.known.base_t) > 1 else _existing(with_causes, existing, rows),
+        None if existing is None or len(layout.model.known.base_t) > 1 else _existing(scope.offered, existing, rows),
         None if existing is None else shown_by(existing, probes, _candidate_causes(existing, settings), ranges),
         shown_by(measured, probes, _candidate_causes(measured, settings), ranges),
         options.causes,
     )
+
+
+def probe_poses(scope: ChainScope) -> PlannedPoses:
+    """The first candidates, without the causes of the options: poses that stand for all that could be measured."""
+    return _subset(replace(scope.offered, model=scope.layout.model), slice(0, _PROBES))
 
 
 def _check(options: DesignOptions) -> None:
@@ -194,13 +229,12 @@ def _kept_poses(
     return readings, _planned(poses, settings, table, readings).information
 
 
-def _measured_poses(
-    data: DiagnosisData[ChainModel], given: Mapping[str, pa.Table], settings: Campaign, tree: Tree, layout: PlannedPoses
-) -> PlannedPoses | None:
+def measured_poses(scope: ChainScope, tables: ChainDesignTables) -> PlannedPoses | None:
     """The campaign's own poses that may be fitted; None without configurations."""
+    given, layout = tables.campaign, scope.layout
     if "configurations" not in given or not len(given["configurations"]):
         return None
-    conditions = data.calibration.conditions
+    conditions = scope.data.calibration.conditions
     if len(conditions.readings) != len(layout.model.conditions.readings) or len(given["configurations"]) < _PLAN_POSES:
         return None
     return layout

@@ -36,7 +36,7 @@ DECLARATION = Stage(
     leaves=(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
         *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "series_errors?", "arm_accuracy?"),
-        *("component_errors?", "tip_uncertainty?", "chain_uncertainty?"),
+        *("component_errors?", "tip_uncertainty?", "chain_uncertainty?", "chain_inseparable?"),
         "motor_encoders?",
         *("joint_curves?", "guideway_errors?"),
         *("next_poses?", "next_loads?", "changes?", "cause_uncertainty?", "determined_combinations?"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,10 +58,16 @@ class JointRanges:
         return pa.table(more | {c.name: np.round(value, 9) for c, value in zip(self.columns, values, strict=True)})
 
 
-def joint_ranges(tree: Tree, settings: Campaign, joints: pa.Table, measured: pa.Table | None) -> JointRanges:
+def joint_ranges(
+    tree: Tree,
+    settings: Campaign,
+    joints: pa.Table,
+    measured: pa.Table | None,
+    otherwise: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+) -> JointRanges:
     """Ranges of the joints: of [workspace] joints, else the description's limits, else of the readings ``measured``.
 
-    Raises CampaignFaults for a joint without a range.
+    ``otherwise``: by joint, rad or m, where none of these gives a range. Raises CampaignFaults for a joint without one.
     """
     given = settings.workspace.joints
     limits = {row["joint"]: (row["lower_si"], row["upper_si"]) for row in joints.to_pylist()}
@@ -77,6 +84,8 @@ def joint_ranges(tree: Tree, settings: Campaign, joints: pa.Table, measured: pa.
         elif (low is None or high is None) and measured is not None and column.name in measured.schema.names:
             values = number_column(measured, column.name) * column.si
             (low, high), source = (np.nanmin(values), np.nanmax(values)), "range of the measured readings"
+        if (low is None or high is None or not low < high) and joint in otherwise:
+            (low, high), source = otherwise[joint], "assumed"
         if low is None or high is None or not low < high:
             expected = f"lowest and highest reading of joint {joint}, which the description does not limit"
             faults.append(Fault(FILE, expected, column=f"workspace.joints.{column.name}"))

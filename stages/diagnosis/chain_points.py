@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -383,7 +383,7 @@ def _known(
         start.base_R,
         start.base_t,
         is_base_free,
-        _geometry(tree, sigma, not base_known, is_toleranced),
+        _geometry(tree, sigma, not base_known, is_toleranced, set(channels.node[is_surveyed].tolist())),
         is_known,
         offsets.astype(float),
         start.shape,
@@ -416,9 +416,12 @@ def _of_pitches(pitches: Mapping[str, Sequence[float]]) -> dict[str, tuple[float
     return {joint: tuple(2.0 * np.pi / (_MM * period) for period in periods) for joint, periods in pitches.items()}
 
 
-def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask) -> Array:
-    """Twists (N, 6, Q) per prior sigma of all distinguishable errors of the links, those in loops included."""
-    modes = geometry_modes(tree, sigma, is_base_free, known)
+def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask, placed: Collection[int]) -> Array:
+    """Twists (N, 6, Q) per prior sigma of all distinguishable errors of the links, those in loops included.
+
+    ``placed``: nodes with targets of known place.
+    """
+    modes = geometry_modes(tree, sigma, is_base_free, known, placed)
     if isinstance(tree, ClosedTree):
         zeros = np.moveaxis(tree.axis_twists, 0, -1)
         others = zeros[..., :0] if known.any() else np.concatenate([zeros, modes], -1)

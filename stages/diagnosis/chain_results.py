@@ -21,6 +21,7 @@ from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.diagnosis.all_epochs import fitted_to_all
+from truing.stages.diagnosis.chain_inseparable import inseparable_table
 from truing.stages.diagnosis.chain_next import chain_measurements_of
 from truing.stages.diagnosis.chain_numbers import parameters_table, uncertainty_table
 from truing.stages.diagnosis.chain_repeats import accuracy_table
@@ -53,6 +54,7 @@ def results(
     ``tables``: joints and configurations, by which next poses are chosen.
     """
     next_poses = chain_measurements_of(diagnosis, settings, tables) if tables else None
+    inseparable = inseparable_table(diagnosis.final, settings, tables) if tables else None
     diagnosis, data = fitted_to_all(diagnosis, data, settings.diagnosis.seed)
     final = diagnosis.final
     of_errors = {"diagnosis_left_out": left_out_table(diagnosis, data)} if diagnosis.screened else {}
@@ -69,6 +71,7 @@ def results(
             **of_motors,
             "chain_parameters": parameters_table(final),
             "chain_uncertainty": uncertainty_table(final),
+            "chain_inseparable": inseparable,
             **curves_table(final),
             "guideway_errors": guideways_table(final),
             "model": text_of_model(final, settings),

@@ -175,6 +175,24 @@ def test_the_exported_robot_and_the_prediction_agree_up_to_the_gain(campaign: Pa
     assert with_gain < 2e-6 < without / 10.0
 
 
+def test_the_exported_map_holds_each_error_of_the_tip_at_its_place(run: Path, tmp_path: Path) -> None:
+    code, output = _truing("export", str(run), "--to", "urdf", "--out", str(tmp_path))
+    assert code == 0, output
+    found = pyarrow.csv.read_csv(tmp_path / "tip_errors.csv").to_pandas().set_index("pose")
+    errors = pq.read_table(run / "component_errors.parquet").to_pandas()
+    wide = errors.pivot_table(index="pose", columns="component", values="missed")
+    assert set(found.index) == set(wide.index)
+    for axis in "xyz":
+        np.testing.assert_allclose(found[f"d{axis}_mm"].loc[wide.index], wide[axis], rtol=1e-12)
+    robot = read_urdf(tmp_path / "robot.urdf")
+    table = pq.read_table(run / "configurations.parquet").to_pandas().set_index("pose")
+    for pose in found.index[:5]:
+        read = {column.rpartition("_")[0]: table.loc[pose, column] for column in READINGS}
+        read = {joint: v * (1e-3 if joint == "axis_3" else np.pi / 180.0) for joint, v in read.items()}
+        place = 1e3 * _textbook(robot, read, "tool0")[:3, 3]
+        np.testing.assert_allclose(found.loc[pose, ["x_mm", "y_mm", "z_mm"]].to_numpy(float), place, atol=1e-6)
+
+
 def test_chains_of_other_joints_are_other_machines(run: Path) -> None:
     assert mechanism_of(load(run)) == "chain of joints axis_1, axis_2, axis_3, axis_4"
 

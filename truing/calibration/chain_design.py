@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
-from truing.estimation.design.observability import Observability, inseparable, observe, pivots
+from truing.estimation.design.observability import Observability, inseparable, observe
 from truing.estimation.design.pose_selection import (
     DesignBound,
     bound_design,
@@ -31,6 +31,7 @@ from truing.inference.observations import whitened_columns
 from truing.simulation.cause import OBSERVED
 from truing.simulation.mechanisms.chains.causes import ChainCause
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.link_components import along_components
 from truing.simulation.mechanisms.chains.model import FREE_TWIST, ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST
 
@@ -112,7 +113,7 @@ def chain_unknowns(model: ChainModel) -> tuple[tuple[ChainUnknown, ...], Array]:
     owner = np.argmax(np.abs(links).max(1), axis=0) if links.size else np.zeros(0, int)
     for node in dict.fromkeys(owner.tolist()):
         indices = np.flatnonzero(owner == node)
-        modes, rotation, chosen = _along_components(links[node][:, indices])
+        modes, rotation, chosen = along_components(links[node][:, indices])
         turn[np.ix_(start + indices, start + indices)] = rotation
         for index, c in enumerate(chosen):
             size = float(np.abs(modes[c, index]))
@@ -136,16 +137,6 @@ def chain_unknowns(model: ChainModel) -> tuple[tuple[ChainUnknown, ...], Array]:
 def _unknown_of_twist(kind: UnknownKind, subject: str, component: int, size: float, is_known: bool) -> ChainUnknown:
     unit, si = ("mm", _MM) if component < TWIST // 2 else ("rad", 1.0)
     return ChainUnknown(kind, subject, _COMPONENTS[component], unit, float(size) / si, is_known)
-
-
-def _along_components(modes: NDArray) -> tuple[Array, Array, list[int]]:
-    """Return modes (6, r) of one joint turned towards components, the rotation (r, r), and those components."""
-    size = np.concatenate([np.full(3, np.abs(part).max(initial=0.0)) for part in (modes[:3], modes[3:])])
-    scaled = modes / np.where(size > 0.0, size, 1.0)[:, None]
-    chosen = sorted(pivots(scaled.T))
-    left, _, right = np.linalg.svd(scaled[chosen])
-    rotation = right.T @ left.T
-    return modes @ rotation, rotation, chosen
 
 
 def _unknowns_of_targets(model: ChainModel) -> list[ChainUnknown]:
@@ -198,11 +189,12 @@ class Remedy(StrEnum):
 @dataclass(frozen=True)
 class HiddenCombination:
     """Unknowns that data determine less well than prior knowledge does; ``poses``: candidates that would show it, with
-    the number of times that each has to be measured."""
+    the number of times that each has to be measured. ``members``: the unknowns, each with its change in its unit."""
 
     text: str
     sigma: float
     remedy: Remedy
+    members: tuple[tuple[ChainUnknown, float], ...]
     poses: tuple[int, ...] = ()
     times: tuple[int, ...] = ()
 
@@ -240,15 +232,18 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
         direction[[known[label] for label in labels]] = (
             change / observability.scales[[known[label] for label in labels]]
         )
+        own = zip(labels, change, strict=True)
+        changes = tuple((unknowns[known[label]], float(size)) for label, size in own if size != 0.0)
         sight = float(observability.sensitivity(direction))
         sigma = 1.0 / sight if sight > observability.rounding else np.inf
         if float(every.sensitivity(direction)) > every.least:
             fitted = replace(offered, fitted=Fitted(poses.model, np.zeros(len(turn)), covariance))
             choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_TOLD)
             if choice.is_enough:
-                combinations.append(HiddenCombination(text, sigma, Remedy.POSES, choice.chosen, choice.times))
+                combinations.append(HiddenCombination(text, sigma, Remedy.POSES, changes, choice.chosen, choice.times))
                 continue
-        combinations.append(HiddenCombination(text, sigma, _knowledge_that_shows(observability, unknowns, direction)))
+        remedy = _knowledge_that_shows(observability, unknowns, direction)
+        combinations.append(HiddenCombination(text, sigma, remedy, changes))
     return sorted(combinations, key=lambda combination: -combination.sigma)
 
 

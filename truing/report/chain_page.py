@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from truing.report.chain_curves import CURVES, GUIDEWAYS, error_curves, guideway_errors
+from truing.report.chain_inseparable import inseparable_listing, inseparable_words
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.heads import POSE, Head
 from truing.report.numbers import count_text, listed, plain, quantity, rough, sign, with_uncertainty
@@ -109,6 +110,11 @@ def chain(tables: Tables) -> ReportSection | None:
     if (guideways := table_or_none(tables, "guideway_errors")) is not None:
         figures.append((guideway_errors(guideways), GUIDEWAYS))
     listings = [_listing(numbers)] if numbers is not None else []
+    hidden = table_or_none(tables, "chain_inseparable")
+    opening = _opening_sentences(joints, numbers)
+    if hidden is not None and numbers is not None:
+        opening = f"{opening} {inseparable_words(hidden, numbers)}".strip()
+        listings += [found] if (found := inseparable_listing(hidden, numbers)) is not None else []
     series = table_or_none(tables, "series_errors")
     listings += [_by_series(series)] if series is not None else []
     motors = table_or_none(tables, "motor_encoders")
@@ -120,7 +126,7 @@ def chain(tables: Tables) -> ReportSection | None:
     return ReportSection(
         "chain",
         "Chain",
-        _opening_sentences(joints, numbers),
+        opening,
         tuple(figures),
         tuple(listings),
         statements=statements,

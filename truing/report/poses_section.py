@@ -24,7 +24,7 @@ from truing.report.figure_style import (
 )
 from truing.report.heads import BODY, POSE, Head, schema_head
 from truing.report.numbers import count_text, quantity, with_uncertainty
-from truing.report.page import Listing, ReportSection
+from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import SIGMA, Row, Tables, table_or_none
 from truing.report.wordings.claim import listed
@@ -152,7 +152,7 @@ def _undetermined_poses(lost: pd.DataFrame) -> Listing:
 
 
 def _all_poses(chosen: pd.DataFrame) -> Listing:
-    rows = tuple(_pose_row(r) for r in chosen.itertuples())
+    rows = tuple(_pose_row(r) for r in chosen.head(MOST_ROWS).itertuples())
     heads = (
         POSE,
         BODY,
@@ -166,8 +166,8 @@ def _all_poses(chosen: pd.DataFrame) -> Listing:
         Head("left out", "Number of points, or readings, left out as gross errors or by a person."),
         schema_head("status"),
     )
-    caption = f"All {count_text(len(rows), 'pose')}"
-    return Listing(heads, rows, caption=caption, folded=True, held_by="poses.parquet")
+    caption = f"All {count_text(len(chosen), 'pose')}"
+    return Listing(heads, rows, caption=caption, folded=True, held_by="poses.parquet", total=len(chosen))
 
 
 def _pose_row(r: Row) -> tuple[str, ...]:

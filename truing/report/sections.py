@@ -48,7 +48,15 @@ SECTIONS = (
         "chain",
         ("truing.report.chain_page",),
         reads=(
-            *("joints", "chain_parameters", "joint_curves", "guideway_errors", "series_errors", "arm_accuracy"),
+            *(
+                "joints",
+                "chain_parameters",
+                "chain_inseparable",
+                "joint_curves",
+                "guideway_errors",
+                "series_errors",
+                "arm_accuracy",
+            ),
             "motor_encoders",
         ),
     ),

@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.heads import Head, term_head
 from truing.report.numbers import count_text, plain, rough, sign, with_uncertainty
-from truing.report.page import Listing, ReportSection
+from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.parameter_names import print_unit
 from truing.report.reasons import why_absent
 from truing.report.tables import Tables, cell, reason, table_or_none
@@ -67,8 +67,9 @@ def uncertainty(tables: Tables) -> ReportSection:
 
 def _as_printed(table: pd.DataFrame) -> pd.DataFrame:
     """Return the rows in the units of the other sections: directions in mrad, K in µm/mm."""
-    pairs = zip(table["quantity"], table["unit"], strict=True)
-    units = [print_unit(group_of("", cell(quantity)), cell(unit)) for quantity, unit in pairs]
+    pairs = list(zip(table["quantity"], table["unit"], strict=True))
+    unit_of = {pair: print_unit(group_of("", cell(pair[0])), cell(pair[1])) for pair in set(pairs)}
+    units = [unit_of[pair] for pair in pairs]
     scaled = [name for name in _SIZES if name in table]
     factors = pd.Series([factor for factor, _ in units], index=table.index)
     shown = [unit if factor == 1.0 else printed for (factor, printed), unit in zip(units, table["unit"], strict=True)]
@@ -136,7 +137,7 @@ def _stated(reported: pd.DataFrame) -> Listing:
             _factor(r.coverage_factor),
             freedom(r.degrees_of_freedom),
         )
-        for r in reported.itertuples()
+        for r in reported.head(MOST_ROWS).itertuples()
     )
     heads = (
         _OF,
@@ -146,7 +147,7 @@ def _stated(reported: pd.DataFrame) -> Listing:
         term_head("k", "coverage factor"),
         Head("ν_eff", "Effective degrees of freedom of u, by Welch and Satterthwaite."),
     )
-    return Listing(heads, rows, caption="Results", folded=len(rows) > _OPEN, held_by=_WHERE)
+    return Listing(heads, rows, caption="Results", folded=len(rows) > _OPEN, held_by=_WHERE, total=len(reported))
 
 
 def _not_stated(left: pd.DataFrame) -> Listing:

@@ -20,6 +20,7 @@ from truing.report.comparison.compared_runs import (
     unit_of,
     value_text,
 )
+from truing.report.diagnosis.assessed_causes import REMAINDER
 from truing.report.diagnosis.pulls import pull_figure
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, figure_template, label, style
 from truing.report.heads import Head
@@ -28,8 +29,10 @@ from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import MEANING, kind_of
 from truing.report.tables import Row, cell, table_or_none
 from truing.report.wordings.catalogue import cause_of_subject
+from truing.schemas.verdict import OF_MODEL
 
 _NAMED = 3
+_FOUND, _SUSPECTED = "found", "suspected"
 
 _HELD_BY = "compared.parquet"
 _SERIES = {"z": "each number separately", "jump": "the fewest changes that explain all of them"}
@@ -76,7 +79,8 @@ _LOOKS = (
 def comparison_head(comparison: RunComparison) -> PageHead:
     """Return the head of the page with the main results."""
     steps = range(len(comparison.between))
-    texts = [*_change_verdicts(comparison), *requirement_words(comparison), *quality_words(comparison)]
+    texts = [*_change_verdicts(comparison), *_incomplete(comparison)]
+    texts += [*requirement_words(comparison), *quality_words(comparison)]
     assessed = sum(len(comparison.assessed(step)) for step in steps)
     changed = int(comparison.numbers["changed"].sum())
     tiles = (("runs", str(len(comparison.runs))), ("numbers compared", f"{assessed:,}"), ("changed", str(changed)))
@@ -159,20 +163,41 @@ def _alternatives(row: object) -> str:
 
 
 def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:
-    """Return the effects that only one of two runs found."""
-    before, after = (_effects_found(comparison, run) for run in (step, step + 1))
-    texts = [("new", [name for name in after if name not in before]), ("gone", [n for n in before if n not in after])]
-    words = {"new": "found for the first time", "gone": "no longer found"}
-    return [("found", f"{comparison.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
+    """Return the effects that one of two runs found, and the other one neither found nor suspected."""
+    before, after = (_effects_of_model(comparison, run) for run in (step, step + 1))
+    pairs = {"found for the first time": (after, before), "no longer found": (before, after)}
+    return [
+        ("found", f"{comparison.pair(step)}: {words}: {', '.join(names)}.")
+        for words, (own, other) in pairs.items()
+        if (names := [name for name, verdict in own.items() if verdict == _FOUND and name not in other])
+    ]
 
 
-def _effects_found(comparison: RunComparison, run: int) -> list[str]:
-    """Return the effects that the diagnosis of a run found: ``actuator gain (leg 3)``."""
+def _effects_of_model(comparison: RunComparison, run: int) -> dict[str, str]:
+    """Return the effects in the model of a run, such as ``actuator gain (leg 3)``, with ``found`` or ``suspected``.
+
+    What residuals depend on without the other effects is not in the model.
+    """
     table = table_or_none(comparison.runs[run].tables, "diagnosis")
     if table is None:
-        return []
-    rows = table[table["verdict"] == "found"]
-    return [cause_of_subject(str(c), cell(s)) for c, s in zip(rows["cause"], rows["subject"], strict=True)]
+        return {}
+    rows = table[table["verdict"].isin((_FOUND, _SUSPECTED))]
+    rows = rows[rows["reason_code"] != REMAINDER] if "reason_code" in rows else rows
+    columns = (rows[name] for name in ("cause", "subject", "verdict"))
+    return {cause_of_subject(str(c), cell(s)): str(verdict) for c, s, verdict in zip(*columns, strict=True)}
+
+
+def _incomplete(comparison: RunComparison) -> Iterator[Verdict]:
+    """Yield a warning of runs whose model as a whole does not fit."""
+    labels = []
+    for run in comparison.runs:
+        table = table_or_none(run.tables, "verdict")
+        rows = None if table is None else table[table["section"].isin(OF_MODEL)]
+        if rows is not None and rows["state"].isin(("attention", "fails")).any():
+            labels.append(run.label)
+    if labels:
+        what = "a difference may come from what the model lacks, not from the machine"
+        yield "warn", f"The model does not hold as a whole in {', '.join(labels)}: {what}."
 
 
 @figure_template()
@@ -266,9 +291,9 @@ def _trends(comparison: RunComparison) -> ReportSection | None:
 
 
 def _effects(comparison: RunComparison) -> ReportSection:
-    names = [_effects_found(comparison, index) for index in range(len(comparison.runs))]
+    names = [_effects_of_model(comparison, index) for index in range(len(comparison.runs))]
     every = list(dict.fromkeys(name for of_run in names for name in of_run))
-    rows = tuple((name, *("found" if name in of_run else "–" for of_run in names)) for name in every)
+    rows = tuple((name, *(of_run.get(name, "–") for of_run in names)) for name in every)
     if not rows:
         return ReportSection("effects", "Effects side by side", "No run found an effect.", state="pass")
     marks = tuple("none" if all(name in of_run for of_run in names) else "warn" for name in every)
@@ -276,7 +301,7 @@ def _effects(comparison: RunComparison) -> ReportSection:
         "Findings of each run. An effect found in one run may be present in the next one too; the comparison of "
         "numbers allows for both. The sizes are in the table of numbers."
     )
-    heads = (_EFFECT, *comparison.heads("Whether the diagnosis of this run found the effect."))
+    heads = (_EFFECT, *comparison.heads("Whether the diagnosis of this run found or suspected the effect."))
     return ReportSection("effects", "Effects side by side", lead, listings=(Listing(heads, rows, marks),))
 
 

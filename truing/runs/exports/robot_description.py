@@ -37,7 +37,8 @@ _EXACT = 1e-15  # m and rad: a smaller sigma is rounding
 
 
 def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield ``robot.urdf``, ``joint_corrections.csv``, and ``joint_curves.csv`` if joints have error curves.
+    """Yield ``robot.urdf``, ``joint_corrections.csv``, ``joint_curves.csv`` if joints have error curves, and
+    ``tip_errors.csv`` if errors of the tip were measured.
 
     Raises CampaignFaults where the run has no chain's model.
     """
@@ -52,6 +53,33 @@ def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
     yield "joint_corrections.csv", _corrections(model, warned)
     if curves := list(_curves(model, warned)):
         yield "joint_curves.csv", csv_bytes([_OF_CURVES, *curves])
+    if (errors := _tip_errors(run, model)) is not None:
+        yield "tip_errors.csv", csv_bytes([tuple(errors.columns), *errors.itertuples(index=False)])
+
+
+def _tip_errors(run: Mapping[str, pd.DataFrame], model: ExtendedChain) -> pd.DataFrame | None:
+    """Return the errors that the model leaves at each measured pose, with the place of the tip in the base.
+
+    None without errors of the tip, or without readings. Places are those of the identified chain.
+    """
+    errors, table = run.get("component_errors"), run.get("configurations")
+    if errors is None or table is None or not len(errors):
+        return None
+    columns = [joint_column(model.tree, joint, map(str, table.columns)) for joint in model.tree.readings]
+    readings = np.column_stack([table[c.name].astype(float) * c.si for c in columns if c is not None])
+    if readings.shape[1] < len(columns):
+        return None
+    places = model.identified.frames(readings).t[:, model.tip] / _MM
+    place_of = dict(zip(table["pose"], places, strict=True))
+    names = errors["component"] + "_" + errors["unit"]
+    wide = errors.assign(component="d" + names).pivot_table(
+        index=["pose", "role"], columns="component", values="missed", sort=False
+    )
+    wide = wide.reset_index()
+    at = np.array([place_of[pose] for pose in wide["pose"]])
+    for k, name in enumerate(("x_mm", "y_mm", "z_mm")):
+        wide.insert(2 + k, name, at[:, k])
+    return wide
 
 
 def _limits(run: Mapping[str, pd.DataFrame], tree: Tree) -> dict[str, tuple[float, float]]:

@@ -186,6 +186,22 @@ def test_geometry_zeros_base_and_tool_explain_every_error_of_any_frame(screws: b
     assert rank == 4 * revolute + 2 * prismatic + 6
 
 
+def test_with_targets_of_known_place_geometry_zeros_and_base_explain_every_error_of_a_frame() -> None:
+    """The tool cannot stand for motions along the last axis, if its place is known."""
+    tree, last = tree_of_rows(UR10, NAMES), len(UR10)
+    q = np.random.default_rng(8).uniform(-2, 2, (60, last))
+    every = np.eye(6 * tree.size).reshape(tree.size, 6, -1)
+    along = np.zeros((tree.size, 6, 2))  # the last axis; across it, the frame of the last joint is no place of the tool
+    along[last, :3, 0] = along[last, 3:, 1] = tree.nodes[last].axis
+    errors = np.concatenate([every[..., : 6 * last], along], -1)
+    zeros = np.moveaxis(tree.axis_twists, 0, -1)
+    modes = [geometry_modes(tree, np.ones(6), True, placed=placed) for placed in ((tree.size - 1,), ())]
+    known, unknown = (np.concatenate([m, zeros, every[..., :6]], -1) for m in modes)
+    rank = np.linalg.matrix_rank(sensitivity(tree, np.concatenate([errors, known], -1), q), tol=1e-9)
+    assert np.linalg.matrix_rank(sensitivity(tree, known, q), tol=1e-9) == rank
+    assert np.linalg.matrix_rank(sensitivity(tree, unknown, q), tol=1e-9) == rank - 1
+
+
 @pytest.mark.parametrize("kind", [JointKind.REVOLUTE, JointKind.PRISMATIC])
 @pytest.mark.parametrize("follower", [1, 2, 3])
 def test_errors_of_a_joint_that_follows_another_are_among_those_of_the_geometry(kind: JointKind, follower: int) -> None:

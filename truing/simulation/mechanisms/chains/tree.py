@@ -7,7 +7,7 @@ or of a joint is a twist of this kind, so all derivatives follow from one matrix
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -250,7 +250,9 @@ def axis_twist(node: Node) -> Array:
     return result
 
 
-def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask | None = None) -> Array:
+def geometry_modes(
+    tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask | None = None, placed: Collection[int] = ()
+) -> Array:
     """Return twists (N, 6, Q) per prior sigma of all distinguishable errors of the links' geometry.
 
     ``sigma`` (6,) is that of the shifts, m, and of the rotations, rad. The parametrisation is complete and continuous,
@@ -260,6 +262,9 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
     out that zero; the others may be turned against it. A joint that follows another has no offset: its zero is among
     its errors. Without ``is_base_free`` the base's place is known.
 
+    ``placed``: nodes with targets of known place in their link. Motions along the axis of the joint that moves such a
+    link are errors of their own, because no next link has them instead.
+
     ``known`` (6,) marks the entries of ``sigma`` that are tolerances. Of these only the joint's own zero is left out.
     What two numbers do alike then has the tolerances of both: a number left out would take its tolerance with it, and
     a zero within the tolerances be called off.
@@ -267,6 +272,7 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
     found: list[Array] = []
     carried: set[int] = set()
     is_base_left, free = is_base_free, np.ones(TWIST, bool) if known is None else ~known
+    shown = {k if tree.nodes[k].kind is not JointKind.FIXED else tree.moving_parent(k) for k in placed}
     for j, node in enumerate(tree.nodes):
         below = tree.moving_parent(j)
         if node.kind is JointKind.FIXED or node.reading not in tree.readings:
@@ -274,7 +280,7 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
         if below < 0 and is_base_left:  # the base's place stands for the frame of one joint on it, not of others
             is_base_left = False
             continue
-        zero, passing = axis_twist(node), [twist for twist in _passing(node) if twist[free].any()]
+        zero, passing = axis_twist(node), [twist for twist in _passing(node) if twist[free].any() and j not in shown]
         same = [zero, *passing] if node.reading == node.joint else [twist - (twist @ zero) * zero for twist in passing]
         if below >= 0 and below not in carried and free.all():
             same.append(_seen_from(tree, below, j))
