@@ -65,6 +65,7 @@ from truing.stages.quality.chain_slips import (
     slips_of_single_lines,
     slips_of_surveys,
     slips_of_zeros,
+    units_within_tolerances,
     with_most_poses,
     without_lone_errors,
 )
@@ -81,6 +82,8 @@ _FEWEST = 3
 _MM = 1e-3
 # Slips whose misfit is at most this many times that of the best explain the data as well.
 _AS_LIKELY = 2.0
+# Share of the spread of the positions above which a misfit within tolerances says nothing: any readings leave as much.
+_UNTOLD = 0.5
 # Another link that leaves this share of the spread is told before slips of single columns are tried.
 _SURE = 0.002
 
@@ -291,6 +294,11 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
     if in_poses is not None and in_poses.is_explained:
         return _failed(tested, in_poses.slips, in_poses.after)
     if start.rms <= limit:
+        # Tolerances may allow more than the whole range of the poses.
+        if start.rms > foreign_share(start) and (units := list(units_within_tolerances(compared, fit, limit))):
+            return _failed_as_a_whole(tested, units)
+        if start.rms > _UNTOLD * start.spread:
+            return _not_tested("tolerances")
         tested = replace(tested, misfit=start.rms / _MM)
         if zeros := list(slips_of_zeros(compared, fit)):
             return _failed_as_a_whole(tested, zeros)
@@ -300,11 +308,12 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
         if everything.rms > limit:
             return _failed(replace(tested, misfit=everything.rms / _MM), in_poses.slips, None)
         return replace(tested, state=RelationState.ATTENTION, reason="strays", slips=in_poses.slips)
-    return _explained(with_most_poses(compared), tested)
+    return _explained(with_most_poses(compared), tested, tolerated)
 
 
-def _explained(compared: ComparedChain, tested: RelationTest) -> RelationTest:
-    """The test of a chain that misses its limit, with the slips that explain it."""
+def _explained(compared: ComparedChain, tested: RelationTest, tolerated: float) -> RelationTest:
+    """The test of a chain that misses its limit, with the slips that explain it; ``tolerated``: misfit, m, by
+    tolerances."""
     fit, conditions = compared.fit, compared.conditions
     if slips := [
         *slips_of_measured(compared, fit),
@@ -314,6 +323,8 @@ def _explained(compared: ComparedChain, tested: RelationTest) -> RelationTest:
         *slips_of_zeros(compared, fit),
     ]:
         return _failed_as_a_whole(tested, slips)
+    if units := list(units_within_tolerances(compared, fit, tolerated)):
+        return _failed_as_a_whole(tested, units)
     if (moved := moved_frame(compared, fit)) is not None:
         return _failed_as_a_whole(tested, [moved])
     bodies = list(slips_of_bodies(compared))

@@ -25,6 +25,9 @@ from truing.stages.common.chain_start import NominalFit
 FEWEST_POSES = 8
 """Fewest poses whose readings are compared with measured links."""
 _MOST_PERMUTED = 4  # targets of a link whose names are tried in every order
+# Share of the spread, or times the noise, and share of the misfit as recorded, that another unit may leave within
+# tolerances.
+_CLOSE, _NOISES, _FAR_SMALLER = 0.05, 2.0, 0.2
 _EXPLAINED = 0.2  # of the misfit: what a slip in one number may leave
 _MM = 1e-3
 # Of distances, smallest wrong zero that is a slip, m: half of the smallest reflector's radius. Share of the misfit that
@@ -116,6 +119,26 @@ def slips_of_measured(compared: ComparedChain, fit: NominalFit) -> Iterator[Whol
     for slip in slips_of_all(fit.values.shape[-1]):
         values = np.where(fit.is_position[:, None], fit.values @ slip.matrix, fit.values)
         yield from _explaining(slip.slip, fit.start_of(compared.usable, compared.conditions, values))
+
+
+def units_within_tolerances(compared: ComparedChain, fit: NominalFit, tolerated: float) -> Iterator[WholeSlip]:
+    """Yield units of all positions that leave a misfit, m, which tolerances explain, and a far smaller one than as
+    recorded.
+
+    A coarse instrument, or a small range of poses, leaves more than a share of the spread in any unit.
+    """
+    before, measured = fit.start_of(compared.usable, compared.conditions), compared.measured
+    seen = measured.is_observed & measured.is_position & compared.usable[:, None]
+    noise = float(np.sqrt(np.trace(measured.cov[seen], axis1=-2, axis2=-1).mean())) if seen.any() else 0.0
+    for slip in slips_of_all(fit.values.shape[-1]):
+        if slip.slip.kind is not SlipKind.UNIT:
+            continue
+        values = np.where(fit.is_position[:, None], fit.values @ slip.matrix, fit.values)
+        after = fit.start_of(compared.usable, compared.conditions, values)
+        share = after.rms / after.spread
+        is_close = after.rms <= min(tolerated, max(_CLOSE * after.spread, _NOISES * noise))
+        if is_close and share <= _FAR_SMALLER * before.rms / before.spread:
+            yield WholeSlip(share, slip.slip, after.rms)
 
 
 def slips_of_links(compared: ComparedChain) -> Iterator[WholeSlip]:

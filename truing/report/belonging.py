@@ -119,6 +119,8 @@ _REASONS = {
     "no-inverse": "were not compared: this mechanism gives no reading for a pose",
     "no-poses": "were not compared: fewer than three poses have both",
     "unreached": "do not belong together: the legs of [mechanism] reach less than half of these poses at any reading",
+    "tolerances": "were not compared: [mechanism.tolerance] allows errors as large as the range of these poses, so any "
+    "readings would agree; measure poses further apart, or declare smaller tolerances",
     "no-frame": "were not compared: the targets fix no frame",
     "no-slip": "do not belong together, and no tested recording error explains it",
     "rounded": "belong together, but values were recorded in coarse steps",
