@@ -139,6 +139,7 @@ class _Step:
     cause: Any
     before: Any = None
     after: Any = None
+    probability: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ class _Search:
 def _paid(own: dict[str, _Verdict]) -> tuple[list[str], list[str], dict[str, tuple[str, Reason | None]]]:
     """Causes that were kept, those of the final model, and all verdicts."""
     steps, fit = [_Step(verdict.cause) for verdict in own.values()], _Fit(list(own))
-    searched, verdicts = _Verdicts(own).paying(_Search(steps, _Fit([]), fit))  # type: ignore[arg-type]
+    searched, verdicts = _Verdicts(own).paying(_Search(steps, _Fit([]), fit), [])  # type: ignore[arg-type]
     final: Any = searched.final
     reported = {verdict.cause.key: (verdict.verdict, verdict.reason) for verdict in verdicts}
     return [step.cause.key for step in searched.kept], final.keys, reported
@@ -185,5 +186,5 @@ def test_two_causes_that_only_pay_together_are_kept() -> None:
 
 def test_a_search_whose_causes_all_pay_stays_as_it_is() -> None:
     searched = _Search([_Step(SimpleNamespace(key="first"))], _Fit([]), _Fit(["first"]))
-    kept, _ = _Verdicts({"first": replace(_verdict("first"))}).paying(searched)  # type: ignore[arg-type]
+    kept, _ = _Verdicts({"first": replace(_verdict("first"))}).paying(searched, [])  # type: ignore[arg-type]
     assert kept is searched

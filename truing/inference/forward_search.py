@@ -124,7 +124,7 @@ class ForwardSearch(Generic[CauseT]):
     def first_round(self, kinds: Sequence[CauseT]) -> list[Round[CauseT]]:
         """Return a list with the first round. The search goes on in this list, so that nothing else holds the large
         arrays of a round that is over."""
-        return [self._round(self.fitter.prepared(self.given), kinds, 0)]
+        return [self.scored(self.fitter.prepared(self.given), kinds, 0)]
 
     def searched(self, kinds: Sequence[CauseT], rounds: list[Round[CauseT]] | None = None) -> Searched[CauseT]:
         """Return the search from the plain model on; ``rounds`` holds its first round, if known."""
@@ -183,7 +183,8 @@ class ForwardSearch(Generic[CauseT]):
         named = searched.named()
         return self.fitter.comparable((*searched.given, *named), searched.final) if named else searched.plain
 
-    def _round(self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], number: int) -> Round[CauseT]:
+    def scored(self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], number: int) -> Round[CauseT]:
+        """Return the round of candidates next to a fitted model; ``number`` of the round, for its random draws."""
         self.progress(f"scoring the candidates of {len(kinds)} kinds of cause")
         return score_round(fitted, kinds, self.settings.draws, np.random.default_rng([self.settings.seed, number]))
 
@@ -203,7 +204,7 @@ class ForwardSearch(Generic[CauseT]):
             limit = further.limit([step.cause for step in found], current.fitted, next_cause)
             if chosen is None and (restated := self._restated(found, current.fitted, None)) is not None:
                 found[:] = restated
-                rounds[-1] = self._round(found[-1].after, kinds, len(rounds) - 1)
+                rounds[-1] = self.scored(found[-1].after, kinds, len(rounds) - 1)
                 continue
             if limit is not None or chosen is None:
                 left = chosen or choose(current, known_worse, self.settings.level, pairs=pairs)
@@ -221,7 +222,7 @@ class ForwardSearch(Generic[CauseT]):
             chosen, cause, after = self._fitted(chosen, current)
             if (restated := self._restated(found, current.fitted, after)) is not None:
                 found[:] = restated
-                rounds[-1] = self._round(found[-1].after, kinds, len(rounds) - 1)
+                rounds[-1] = self.scored(found[-1].after, kinds, len(rounds) - 1)
                 continue
             covered = self._covered(cause, after)
             if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
@@ -235,7 +236,7 @@ class ForwardSearch(Generic[CauseT]):
             is_contested = self._is_contested(chosen.candidate, current, after)
             if not chosen.of_two:  # accepted: two rounds at once need twice the memory
                 current, chosen = self._closed(rounds), chosen.light()
-            next_round = self._round(after, kinds, len(rounds))
+            next_round = self.scored(after, kinds, len(rounds))
             pairs = not chosen.of_two or confirmed(current, chosen, next_round, self.settings.level, refused)
             if not pairs:
                 continue
@@ -286,7 +287,7 @@ class ForwardSearch(Generic[CauseT]):
             choice, rivals = current.choice(chosen.candidate), current.rivals_of(chosen.candidate)
             onsets, chosen = self._onsets(chosen.candidate, current), chosen.light()
             closed = start.closed() if current is start else self._closed(branch)
-            branch.append(self._round(after, kinds, len(rounds) - 1 + len(branch)))
+            branch.append(self.scored(after, kinds, len(rounds) - 1 + len(branch)))
             probability = closed.probability_of_name(chosen.candidate, branch[-1], hidden)
             steps.append(
                 Accepted(chosen, closed, cause, closed.fitted, after, False, choice, probability, rivals, onsets)

@@ -132,7 +132,7 @@ class CauseSelection(Generic[CauseT]):
     def run(self, kinds: Sequence[CauseT]) -> CauseDiagnosis[CauseT]:
         """Return the diagnosis over all kinds of cause of a catalogue."""
         accounted = self._accounted(kinds)
-        searched, verdicts = SearchVerdicts(self._search).paying(accounted.searched)
+        searched, verdicts = SearchVerdicts(self._search).paying(accounted.searched, kinds)
         accounted = replace(accounted, searched=searched)
         left = self._left(accounted)
         holds, is_named = left.holds, accounted.is_named
