@@ -344,7 +344,7 @@ def _requirements(campaign: CampaignFolder) -> list[str]:
     settings = campaign.validated()
     if settings.mechanism.type != "chain":
         return []
-    from truing.stages.configurations.chain_studies import chain_requirement_table
+    from truing.stages.chain_studies import chain_requirement_table
 
     return chain_requirement_words(chain_requirement_table(settings, chain_tables(campaign, settings)).to_pandas())
 
