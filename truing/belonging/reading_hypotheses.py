@@ -12,12 +12,7 @@ from scipy.special import gammaln
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.assignment import cheapest_columns
-<<<<<<< HEAD
-from truing.belonging.evidence import Physics, log_evidence, physics
-=======
 from truing.belonging.evidence import Physics, log_evidence, physics_of_each
-from truing.belonging.orientations import otherwise_written
->>>>>>> speed6
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 from truing.belonging.rotation_writing import WrittenRotations, otherwise_written
 from truing.simulation.mechanisms.legs.closures import Legs
