@@ -35,13 +35,13 @@ from truing.report.sensor.tolerances import chain_section, tolerance_head, toler
 from truing.report.uniqueness_page import uniqueness_head, uniqueness_sections, uniqueness_words
 from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.stages.configurations.accuracy import accuracy_tables
-from truing.stages.configurations.chain_poses import ChainDesignTables
-from truing.stages.configurations.chain_studies import (
+from truing.stages.chain_studies import (
     chain_accuracy_tables,
     chain_tolerance_tables,
     chain_uniqueness_tables,
 )
+from truing.stages.configurations.accuracy import accuracy_tables
+from truing.stages.configurations.chain_poses import ChainDesignTables
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
 from truing.stages.configurations.uniqueness import uniqueness_tables
 from truing.stages.responses.tolerances import chain_tables, tolerance_tables

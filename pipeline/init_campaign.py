@@ -377,6 +377,8 @@ def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingK
             **({"constants": other_constants} if other_constants else {}),
             **distinguishing_pattern(group.names, "run"),
         }
+    if guess.table == "image_points" and "image" not in named and "x_px" in named:
+        return _image_by_name(group, mapping)
     if guess.table == "image_points" and group.count > 1 and mapping.get("constants") == {"pose": 1}:
         other_keys = {key: value for key, value in mapping.items() if key != "constants"}
         return {**other_keys, **distinguishing_pattern(group.names, "pose")}
@@ -397,6 +399,18 @@ def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingK
             mapping = {key: value for key, value in mapping.items() if key != "constants"}
         return {**mapping, **parts_of_name, **({} if style else {"number_rows": {"pose": 1}})}
     return mapping if "pose" in named else {**mapping, **distinguishing_pattern(group.names, "pose")}
+
+
+def _image_by_name(group: RawGroup, mapping: MappingKeys) -> MappingKeys:
+    """Keys for files of one image each: their names tell the image, and the pose if they count it."""
+    from truing.formats.named_pixels import pattern_of_images
+
+    if group.count == 1:
+        constants = {**mapping.get("constants", {}), "image": Path(group.example).stem}
+        return {**mapping, "constants": constants}
+    if (pattern := pattern_of_images(group.names)) is None or "pose" in mapping.get("columns", {}):
+        return {**mapping, **distinguishing_pattern(group.names, "image")}
+    return {**{key: value for key, value in mapping.items() if key != "constants"}, "from_name": pattern}
 
 
 def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:

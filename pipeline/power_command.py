@@ -24,6 +24,7 @@ from truing.pipeline.in_memory import axis_tables, bench_tables, call_stage, cha
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_next_to_run, note_owner
+from truing.report.chain_study_page import chain_requirement_words
 from truing.report.diagnosis.detectable_sizes import size_words
 from truing.report.diagnosis.findings import subject_words
 from truing.report.glossary_section import with_reference
@@ -332,8 +333,20 @@ def _report(
         if photographs.rows:
             console.show(PHOTOGRAPH_HEADS, photographs.rows)
         console.sentence(photographs.sentence)
+    for sentence in _requirements(campaign):
+        console.sentence(sentence)
     written = _write_results(campaign, asked, answers, file, photographs)
     console.written(f"tables and page: {', '.join(map(str, written))}", written)
+
+
+def _requirements(campaign: CampaignFolder) -> list[str]:
+    """Sentences on the requirements of a chain, by the layout's own poses; none for other machines."""
+    settings = campaign.validated()
+    if settings.mechanism.type != "chain":
+        return []
+    from truing.stages.chain_studies import chain_requirement_table
+
+    return chain_requirement_words(chain_requirement_table(settings, chain_tables(campaign, settings)).to_pandas())
 
 
 def _as_tables(asked: Sequence[DetectionQuestion], answers: Sequence[Answer]) -> tuple[pa.Table, pa.Table]:

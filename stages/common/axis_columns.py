@@ -131,8 +131,19 @@ class AxisColumns:
                 )
         if self.kind != ROTARY:
             return deviation
-        middle = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in deviation.T])
+        middle = np.array([_middle_in_turn(row[np.isfinite(row)]) for row in deviation.T])
         return np.asarray(deviation - _TURN * np.round((deviation - middle) / _TURN))
+
+
+def _middle_in_turn(deviation: Array) -> float:
+    """Return the median of deviations (N,), rad, up to whole turns: about their mean direction, as half of the readings
+    may be a turn larger; 0 without any."""
+    if not deviation.size:
+        return 0.0
+    direction = float(np.angle(np.mean(np.exp(1j * deviation))))
+    near = deviation - _TURN * np.round((deviation - direction) / _TURN)
+    middle = float(np.median(near))
+    return middle + _TURN * float(np.round((np.median(deviation) - middle) / _TURN))
 
 
 def excluded_rows(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:

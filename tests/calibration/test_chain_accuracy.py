@@ -14,9 +14,11 @@ from tests.packaging.source_tree import PROJECT
 from tests.simulation.mechanisms.chains.made_arms import campaign
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
+from truing.calibration.accuracy import error_of_95_percent
 from truing.calibration.chain_accuracy import (
     covered,
     expected_errors,
+    held_out_needed,
     poses_needed,
     tip_sight,
     tolerance_sources,
@@ -106,11 +108,22 @@ def test_errors_fall_with_poses_until_the_noise_of_the_readings_remains() -> Non
     assert poses_needed(sight, mean, none, np.full(6, np.inf)) == [None] * 6
 
 
-def test_a_size_that_covers_errors_of_several_variances_is_their_quantile() -> None:
+def test_the_stated_size_and_number_of_held_out_poses_are_those_by_which_a_run_decides() -> None:
     rng = np.random.default_rng(6)
-    sigma = np.array([1.0, 3.0, 0.5])
-    drawn = np.abs(sigma[:, None] * rng.normal(size=(3, 200_000)))
-    assert covered(sigma[:, None] ** 2)[0] == pytest.approx(np.quantile(drawn, 0.95), rel=0.01)
+    sight = tip_sight(planned(np.random.default_rng(5), 40, joint_noise=3e-5))
+    information = planned(np.random.default_rng(5), 40).information
+    size = float(expected_errors(sight, information)[0])
+    variance, of_measurement = (size / 1.959964) ** 2, float(sight.of_measurement[:, 0].mean())
+    errors = np.sqrt(variance + of_measurement) * rng.choice([-1.0, 1.0], 400_000)
+    interval = error_of_95_percent(errors, np.full(len(errors), of_measurement))
+    assert interval is not None
+    assert interval.value == pytest.approx(size, rel=1e-9)
+    for limit in (0.5 * size, 2.0 * size):
+        (count, *_) = held_out_needed(sight, information, np.full(6, limit))
+        assert count is not None
+        for poses, decided in ((count, True), (count - 1, False)):
+            found = error_of_95_percent(errors[:poses], np.full(poses, of_measurement))
+            assert found is None or decided == (not found.lower <= limit < found.upper)
 
 
 def test_rms_errors_by_tolerances_are_those_of_drawn_arms() -> None:

@@ -102,3 +102,17 @@ def test_an_axis_names_what_it_has_instead(tmp_path: Path, option: str, instead:
     done = call(axis(tmp_path / "stage"), option)
     assert done.exit_code == 2
     assert_says(done.output, "axis", instead)
+
+
+def test_power_says_what_a_run_will_decide_of_the_requirements(tmp_path: Path) -> None:
+    """By the same figures as --accuracy: expected error, and held-out poses that decide."""
+    place = planned(tmp_path / "arm", workspace=REQUIRED.replace("0.012", "0.03"))
+    (place / "configurations.csv").write_bytes((SAMPLE / "configurations.csv").read_bytes())
+    done = call(place, "--accuracy", "--out", tmp_path / "found.csv")
+    assert done.exit_code == 0, done.output
+    found = pyarrow.csv.read_csv(tmp_path / "found.csv").to_pandas().query("poses == 'own'").set_index("component")
+    done = call(place, "--causes", "joint-gain", "--draws", 0, "--out", tmp_path / "power.csv", command="power")
+    assert done.exit_code == 0, done.output
+    held_out = int(found.loc["x", "held_out_needed"])
+    assert_says(done.output, "Requirement along x", "30.0 µm required: met", f"{held_out} held-out poses decide it")
+    assert_says(done.output, "Requirement along z", "1 µm required: not met")

@@ -361,6 +361,17 @@ def test_counts_and_whole_turns_are_brought_to_one_unit() -> None:
     assert np.allclose(columns.deviations(table)[:, 0], np.deg2rad(0.5))
 
 
+@pytest.mark.parametrize("zero_deg", [0.0, 130.0])
+def test_readings_between_0_and_a_turn_are_none_of_its_errors(zero_deg: float) -> None:
+    """Half of the readings of a table that turns from -180 to 180 deg are a whole turn larger than its commands."""
+    command = np.tile(np.linspace(-180.0, 180.0, 25), 2)
+    table = pa.table({"c_deg": command, "measured_deg": (command + zero_deg + 0.01) % 360.0})
+    columns = AxisColumns("rotary", "deg", "motor", "c_deg", {"measured": "measured_deg"}, None)
+    deviation = np.rad2deg(columns.deviations(table)[:, 0])
+    assert np.ptp(deviation) < 1e-9
+    assert_close(deviation % 360.0, np.full(len(command), zero_deg + 0.01), atol=1e-9)
+
+
 def test_overflows_of_a_counter_are_no_errors_but_other_jumps_are() -> None:
     command = np.arange(0.0, 80.0, 4.0)  # mm, 1000 counts each: 16 bits overflow at 65.5 mm
     off = np.random.default_rng(1).normal(0.0, 2.0, len(command))

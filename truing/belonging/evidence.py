@@ -25,9 +25,14 @@ class Physics:
 
 def physics(columns: Array) -> Physics:
     """Return effects (N, K), each column scaled by one standard deviation of its coefficient, in factored form."""
+    return physics_of_each(columns[None])[0]
+
+
+def physics_of_each(columns: Array) -> list[Physics]:
+    """Return the effects (L, N, K) on each of L quantities, scaled in the same way, in factored form."""
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    is_observable = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
-    return Physics(left[:, is_observable], size[is_observable])
+    is_observable = size > 1e-12 * np.maximum(size.max(-1, initial=0.0), 1e-300)[:, None]
+    return [Physics(left[n][:, own], size[n][own]) for n, own in enumerate(is_observable)]
 
 
 def log_evidence(misfit: Array, known: Physics, floor: float, ceiling: float = np.inf) -> Array:

@@ -247,11 +247,11 @@ def _placed_misfit(
     missed = _missed_angle(base, links, measured)
     if alone > _FOREIGN * _about_mean(seen):
         turned = np.einsum("bij,bj->bi", measured, seen)
-        for written, places in ((_BODY_AXES, turned), (_OF_INVERSE, -turned)):
+        for name, places in ((_BODY_AXES, turned), (_OF_INVERSE, -turned)):
             base, alone = _alone(links, by_chain, places)
             after = _missed_angle(base, links, measured)
             if alone < _EXPLAINED * _FOREIGN * _about_mean(places) and after < _TURNED:
-                return replace(turning, slips=(_slip(written, _POSITIONS),), apart=missed, apart_after=after)
+                return replace(turning, slips=(_slip(name, _POSITIONS),), apart=missed, apart_after=after)
         return turning
     if missed < _TURNED:
         return turning

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from itertools import combinations, product
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.special import gammaln
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.assignment import cheapest_columns
-from truing.belonging.evidence import Physics, log_evidence, physics
+from truing.belonging.evidence import Physics, log_evidence, physics_of_each
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 from truing.belonging.rotation_writing import WrittenRotations, otherwise_written
 from truing.simulation.mechanisms.legs.closures import Legs
@@ -96,11 +97,18 @@ class Description:
     def by_geometry(self) -> Array:
         """Return the derivative (B, L, G) of the required readings by each parameter of a leg; a, b, l in m, u in 1."""
         columns = []
-        for name, index in self._numbers():
-            array = getattr(self.legs, name).astype(complex)
-            array[(..., index) if index is not None else ...] += 1j * _STEP
-            columns.append(inverse(self.legs.replace(**{name: array}), self.p, self.R).imag / _STEP)
-        return np.stack(columns, -1)
+        for name in self.legs.closure.geometry:
+            array = getattr(self.legs, name).astype(complex)[None]
+            if name != "l":  # one axis after the other, in a batch
+                array = array[:, None] + 1j * _STEP * np.eye(3)[:, None, None]
+            else:
+                array = array + 1j * _STEP
+            columns += list(inverse(self.legs.replace(**{name: array}), self.p, self.R).imag.reshape(-1, *self._size))
+        return np.stack(columns, -1) / _STEP
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        return len(self.p), self.legs.count
 
     def scales(self, tolerance: dict[str, float]) -> Array:
         """Return the tolerance (G,) of each parameter, in the order of ``by_geometry``."""
@@ -283,7 +291,9 @@ class RecordingHypothesis:
         zero = np.array([change.zero for change in self.changes])
         if not zero.any():
             return intended
-        return intended + np.where(zero, np.nanmedian(required - intended, axis=0), 0.0)
+        offset = required - intended
+        median = np.nanmedian if np.isnan(offset).any() else np.median  # the former takes ten times as long
+        return intended + np.where(zero, median(offset, axis=0), 0.0)
 
     def undone(self, recorded: Array) -> Array:
         """Return the readings (B, L) in the right columns, unit and sign, with the recorded zero."""
@@ -297,6 +307,7 @@ class RecordingHypothesis:
         return (*self.description.slips, *_column_slips(self.columns, names), *changed)
 
 
+@cache
 def leg_changes() -> tuple[ReadingChange, ...]:
     """Return the changes that are tried on each leg; the first is none."""
     factors = (1.0, *both_ways(LENGTH_FACTORS))
@@ -318,13 +329,14 @@ def best_recording(
     effects = physical_effects(motion, description, required)
     source = range(count)
     scores = np.full((count, count, len(changes)), -np.inf)
+    # relative to the readings as recorded, so that a factor that shrinks them does not raise the evidence
+    shrunk = len(required) * np.log(np.abs([change.factor for change in changes]))
+    changed = _Changed(motion, required, changes)
     for leg in range(count):
         for column in source if exchanged else (leg,):
-            misfit = _misfits(motion.readings[:, column], required[:, leg], changes)
-            # relative to the readings as recorded, so that a factor that shrinks them does not raise the evidence
-            shrunk = len(misfit[0]) * np.log(np.abs([change.factor for change in changes]))
+            misfit, is_geometry = changed.misfits(column, leg)
             scores[leg, column] = log_evidence(misfit, effects[leg], motion.noise) + shrunk
-            scores[leg, column, _is_geometry(motion, motion.readings[:, column], required[:, leg], changes)] = -np.inf
+            scores[leg, column, is_geometry] = -np.inf
     if description.slips and np.isnan(description.required_readings()).mean() > _UNREACHED:
         scores[:] = -np.inf  # a description with poses out of reach explains nothing
     index = np.arange(count)
@@ -335,13 +347,6 @@ def best_recording(
     best = _hypothesis(motion, description, required, found[0], [changes[k] for k in found[1]], found[2])
     # the fitted factor is none of those that are tried in every campaign
     return plain, best, count * (count if exchanged else 1) * len(leg_changes())
-
-
-def _is_geometry(motion: MeasuredMotion, recorded: Array, required: Array, changes: tuple[ReadingChange, ...]) -> Mask:
-    """Return True for changes (T,) that are only a shift of zero of a size that errors of the geometry can cause."""
-    factor, zero = np.array([change.factor for change in changes]), np.array([change.zero for change in changes])
-    offset = np.abs(np.median(factor[:, None] * recorded - required, axis=1))
-    return np.asarray(zero & (np.abs(factor) == 1.0) & (offset < _GROSS * np.abs(motion.legs.l).max()))
 
 
 def finite_required_readings(description: Description) -> Array:
@@ -381,15 +386,39 @@ def physical_effects(
         reach = travel * np.where(np.arange(required.shape[1]) == leg, _GAIN, _LEAK)
         curved = _CURVED * travel[:, leg, None] ** 2 / widest[leg]
         following = [] if movement is None else [_DRIVEN_M * movement[:, leg]]
-        effects.append(physics(np.hstack([geometry[:, leg], reach, curved, _DRIVEN_M * motion.drivers, *following])))
-    return effects
+        effects.append(np.hstack([geometry[:, leg], reach, curved, _DRIVEN_M * motion.drivers, *following]))
+    return physics_of_each(np.stack(effects))
 
 
-def _misfits(recorded: Array, required: Array, changes: tuple[ReadingChange, ...]) -> Array:
-    """Return readings changed in T ways minus the required ones, (T, B)."""
-    misfit = np.array([change.factor for change in changes])[:, None] * recorded - required
-    zero = np.array([change.zero for change in changes])
-    return np.where(zero[:, None], misfit - np.median(misfit, axis=1, keepdims=True), misfit)
+@dataclass(frozen=True)
+class _Changed:
+    """Readings of a motion changed in T ways, against the required ones (B, L)."""
+
+    motion: MeasuredMotion
+    required: Array
+    changes: tuple[ReadingChange, ...]
+
+    @cached_property
+    def _factor(self) -> Array:
+        return np.array([change.factor for change in self.changes])
+
+    @cached_property
+    def _zero(self) -> Index:
+        return np.flatnonzero([change.zero for change in self.changes])
+
+    @cached_property
+    def _longest(self) -> float:
+        return float(np.abs(self.motion.legs.l).max())
+
+    def misfits(self, column: int, leg: int) -> tuple[Array, Mask]:
+        """Return the readings of a column less those required of a leg, (T, B); and True for changes (T,) that are only
+        a shift of zero of a size that errors of the geometry can cause."""
+        misfit = self._factor[:, None] * self.motion.readings[:, column] - self.required[:, leg]
+        offset = np.median(misfit[self._zero], axis=1)
+        misfit[self._zero] -= offset[:, None]
+        is_geometry = np.zeros(len(self.changes), bool)
+        is_geometry[self._zero] = (np.abs(self._factor[self._zero]) == 1.0) & (np.abs(offset) < _GROSS * self._longest)
+        return misfit, is_geometry
 
 
 def _most_likely(
@@ -401,9 +430,12 @@ def _most_likely(
     exchange = PENALTY + float(gammaln(count + 1.0))  # log of the number of orders
     # all legs changed alike, with one penalty, or each by itself, with one penalty per leg
     alone = scores - np.log(count) * (penalty > 0.0) - penalty
-    ways = [(scores[:, :, change] - penalty[change] / count, change) for change in range(len(changes))]
     index = np.arange(count)
     best: tuple[Index, list[int], float] = (index, [0] * count, -np.inf)
+    alike = (scores[index, index] - penalty / count).sum(axis=0)
+    # Without exchanges only the best change for all legs can win.
+    tried = range(len(changes)) if exchanged else (int(np.argmax(alike)),)
+    ways = [(scores[:, :, change] - penalty[change] / count, change) for change in tried]
     for value, common in (*ways, (alone.max(axis=2), None)):
         for is_moved in (False, True) if exchanged else (False,):
             # No order of columns can be better than the best column of each leg.

@@ -14,7 +14,7 @@ from truing.belonging.body_points import BodyPoints
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 from truing.belonging.slips_in_rows import row_places
 from truing.estimation.rigid_poses.rigid import RigidFit
-from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama, umeyama_misfit
 
 MOST_TARGETS = 40
 """Largest number of targets whose rows and names are tested."""
@@ -212,7 +212,7 @@ def exchanged_names(
     for at, (first, other) in enumerate(pairs):
         order = np.arange(len(names))
         order[[first, other]] = other, first
-        fitted = umeyama(source[order], points[bad], is_observed[bad].astype(float), calls=len(pairs)).rms
+        fitted, _ = umeyama_misfit(source[order], points[bad], is_observed[bad].astype(float), calls=len(pairs))
         after[at] = np.where(np.isfinite(fitted) & is_observed[bad][:, [first, other]].all(axis=1), fitted, np.inf)
     best = after.argmin(axis=0)
     for at in np.unique(best):

@@ -44,7 +44,7 @@ _DEFORMATIONS = {
     "platform-deformation-linear": "linear",
 }
 Figure = tuple[str, float, str]
-_WITHIN = 1.959964  # half width of the 95 % interval of a normal error, in standard deviations
+WITHIN = 1.959964  # half width of the 95 % interval of a normal error, in standard deviations
 MOST_DECIDING = 1000  # most additional poses that anybody would measure
 _UNLIKELY = 1e-3  # p-value of a misfit, or of pulls, below which the model is doubted
 
@@ -271,7 +271,7 @@ def _interval_of_mean(mean: float, noise: float, count: int) -> Interval:
     from scipy.special import chdtri
 
     scales = (1.0, chdtri(count, 0.025) / count, chdtri(count, 0.975) / count)
-    return Interval(*(_WITHIN * float(np.sqrt(max(mean / scale - noise, 0.0))) for scale in scales))
+    return Interval(*(WITHIN * float(np.sqrt(max(mean / scale - noise, 0.0))) for scale in scales))
 
 
 @dataclass(frozen=True)
@@ -315,7 +315,7 @@ def chance_at_limit(errors: NDArray, variances: NDArray, limit: float) -> float:
     if not count:
         return float("nan")
     mean = float(np.mean(errors[reported] ** 2))
-    expected = (limit / _WITHIN) ** 2 + min(float(np.mean(variances[reported])), mean)
+    expected = (limit / WITHIN) ** 2 + min(float(np.mean(variances[reported])), mean)
     if expected <= 0.0:  # no error above the noise, and none allowed
         return 1.0
     squares = count * mean / expected
@@ -338,6 +338,28 @@ def deciding_pose_count(errors: NDArray, variances: NDArray, limit: float, spare
     each = ((count, _interval_of_mean(mean, noise, count)) for count in totals)
     fits = next(((count, then) for count, then in each if not then.lower <= limit < then.upper), None)
     return Decision(int(reported.sum())) if fits is None else Decision(int(reported.sum()), fits[0] - there, fits[1])
+
+
+def deciding_count(mean: float, noise: float, limit: float) -> int | None:
+    """Return the least number of poses that decide whether 95 % of errors are below a limit.
+
+    mean: mean square of the measured errors, of which ``noise`` is the variance of the measurement; both in the square
+    of the limit's unit. None where `MOST_DECIDING` poses are not enough.
+    """
+    low, high = 0, 1
+    while high <= MOST_DECIDING and not _is_decided(mean, noise, limit, high):
+        low, high = high, 2 * high
+    if high > MOST_DECIDING:
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if _is_decided(mean, noise, limit, middle) else (middle, high)
+    return high
+
+
+def _is_decided(mean: float, noise: float, limit: float, count: int) -> bool:
+    interval = _interval_of_mean(mean, noise, count)
+    return not interval.lower <= limit < interval.upper
 
 
 def error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
+from truing.calibration.accuracy import WITHIN, deciding_count
 from truing.calibration.chain_design import PlannedPoses
 from truing.estimation.rotation import skew
 from truing.simulation.mechanisms.chains.tree import TWIST, JointKind, Tree, geometry_modes
 
-# Share of the poses whose errors stay below the stated size, as for a requirement.
-SHARE = 0.95
 # Targets on one line show no rotation about it: least square of their width over that of their length.
 _WIDE = 1e-4
 _MOST_POSES = 100_000  # beyond, no number of poses counts as enough
@@ -23,10 +22,12 @@ _MOST_POSES = 100_000  # beyond, no number of poses counts as enough
 @dataclass(frozen=True)
 class TipSight:
     """Motion of the tip at B poses, m and rad in the axes of the base: derivatives (B, 6, G) by the shared unknowns per
-    prior sigma, and (B, 6, H) by the readings' noise per sigma. ``known`` (6,): components that its targets show."""
+    prior sigma, and (B, 6, H) by the readings' noise per sigma. ``of_measurement`` (B, 6): variance of a measurement
+    of it. ``known`` (6,): components that its targets show."""
 
     by_unknowns: Array
     by_readings: Array
+    of_measurement: Array
     known: Mask
 
     def variance(self, covariance: NDArray) -> Array:
@@ -70,7 +71,11 @@ def tip_sight(poses: PlannedPoses) -> TipSight:
     by_shared = predicted.by_shared.reshape(len(places), size, -1)
     by_shared = np.pad(by_shared, ((0, 0), (0, 0), (model.shared_size - by_shared.shape[-1], 0)))
     by_local = predicted.by_local.reshape(len(places), size, model.local_size)
-    return TipSight(np.asarray(seen @ by_shared), np.asarray(seen @ by_local), known)
+    noise = np.zeros((size, size))
+    for k, covariance in enumerate(poses.instrument.covariance):
+        noise[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = covariance
+    of_measurement = np.einsum("bki,ij,bkj->bk", seen, noise, seen, optimize=True)
+    return TipSight(np.asarray(seen @ by_shared), np.asarray(seen @ by_local), np.asarray(of_measurement), known)
 
 
 def _motion(places: NDArray, turned: Mask, chosen: Mask, centre: NDArray) -> tuple[Array, Mask]:
@@ -98,24 +103,27 @@ def _carrier(tree: Tree, node: int) -> int:
     return node
 
 
-def covered(variance: NDArray, share: float = SHARE) -> Array:
-    """Return the sizes (K,) below which the share of normal errors of variance (B, K) stays, all poses together."""
-    from scipy.special import ndtr
-
-    sigma = np.sqrt(np.asarray(variance, float))
-    low, high = np.zeros(sigma.shape[1]), 10.0 * sigma.max(0)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inside = np.where(sigma > 0.0, 2.0 * ndtr(middle / sigma) - 1.0, 1.0).mean(0)
-        low, high = np.where(inside < share, middle, low), np.where(inside < share, high, middle)
-    return np.asarray(high)
+def covered(variance: NDArray) -> Array:
+    """Return the sizes (K,) below which 95 % of normal errors of variance (B, K) stay, as a requirement counts them:
+    1.96 times the rms."""
+    return np.asarray(WITHIN * np.sqrt(np.mean(variance, 0)))
 
 
 def expected_errors(sight: TipSight, information: NDArray) -> Array:
     """Return the sizes (6,), m and rad, below which 95 % of errors stay after a calibration by data of ``information``
     (G, G), per prior sigma."""
     return covered(sight.variance(np.linalg.inv(np.eye(len(information)) + information)))
+
+
+def held_out_needed(sight: TipSight, information: NDArray, limits: NDArray) -> list[int | None]:
+    """Return for each component (6,) the number of held-out poses that decide its requirement after a calibration by
+    data of ``information`` (G, G); None if no number does, or no limit is finite."""
+    variance = sight.variance(np.linalg.inv(np.eye(len(information)) + information)).mean(0)
+    noise = sight.of_measurement.mean(0)
+    return [
+        deciding_count(float(variance[k] + noise[k]), float(noise[k]), float(limit)) if np.isfinite(limit) else None
+        for k, limit in enumerate(limits)
+    ]
 
 
 def poses_needed(sight: TipSight, per_pose: NDArray, kept: NDArray, limits: NDArray) -> list[int | None]:

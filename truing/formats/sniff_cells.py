@@ -37,6 +37,7 @@ from truing.formats.named_chain import bare_chain_rows, chain_rows
 from truing.formats.named_columns import bare_poses, is_one_motion, pose_columns
 from truing.formats.named_joints import bare_joints, configurations_of_joints
 from truing.formats.named_loads import channels_without_loads, load_columns, with_unit_of_channels
+from truing.formats.named_pixels import rays_of
 from truing.formats.nominal_machine import machine_of
 from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
@@ -175,6 +176,8 @@ def _guess_by_notation(
     words = " ".join(cell for line in about.comments for cell in line)
     if (machine := machine_of(cells, words, about.unit)) is not None:
         return machine
+    if (rays := rays_of(cells, mapping)) is not None:
+        return rays
     guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
     guess = with_direction(guess, names, data, cells.values)

@@ -57,6 +57,7 @@ _UNITS: dict[str, tuple[str, float, float]] = {
     "V/V": ("voltage", 1.0, 0.0),
     "mV/V": ("voltage", 1e-3, 0.0),  # of a bridge, at a supply of 1 V
     "uV/V": ("voltage", 1e-6, 0.0),
+    "px": ("pixels", 1.0, 0.0),
     "1": ("share", 1.0, 0.0),
     "%": ("share", 1e-2, 0.0),
     "s": ("time", 1.0, 0.0),
@@ -72,6 +73,7 @@ _UNITS: dict[str, tuple[str, float, float]] = {
 }
 _NUMBER = re.compile(r"\d+(\.\d*)?([eE][-+]?\d+)?")
 _SPELT = {"µm": "um", "μm": "um", "°": "deg", '"': "in", "inch": "in", "°C": "degC", "°F": "degF", "Nm": "N m"}
+_SPELT |= dict.fromkeys(("pix", "pixel", "pixels"), "px")
 LONGEST_NAME = 200  # characters of a column: the search for its meaning tries many ways to split it
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\[\](){}]+?)\s*[\])}]$")
 _BEHIND = re.compile(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +18,7 @@ from truing.inference.evidence import log_evidence_of_products
 from truing.inference.input_sets import INCLUDED, Inputs, odds_of_sets, probability_of
 from truing.inference.input_spectra import EFFECT_SIZES, Spectra
 from truing.inference.part_errors import PartErrors, PartProblem
+from truing.threads import in_order
 
 _MOST_FOUND = 6  # dependences that are found in turn
 _MOST_INPUTS = 2  # of a set: three hardly have two neighbouring epochs
@@ -114,7 +115,8 @@ def _turns(problem: PartProblem, parts: Sequence[Part], spectra: Spectra, level:
     """Yield the problem, then the same next to each dependence that is found in it, until none is left."""
     for _ in range(_MOST_FOUND + 1):
         errors = problem.estimated()
-        turn = _Turn(problem, errors, [_odds(errors, part, spectra) for part in parts])
+        # Parts are independent, and most of the time is spent in products of matrices, outside Python.
+        turn = _Turn(problem, errors, list(in_order(partial(_odds, errors, spectra), parts)))
         yield turn
         if turn.p_value > level:
             return
@@ -130,7 +132,7 @@ def _explain_the_same(turn: _Turn, after: _Turn, index: int) -> bool:
     return bool(np.any(np.delete(rivals, index)))
 
 
-def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _OddsOfSets:
+def _odds(errors: PartErrors, spectra: Spectra, part: Part) -> _OddsOfSets:
     """Return the log odds of every set of columns over scatter, for the error of one part."""
     known: dict[Inputs, Array] = {}
 

@@ -9,6 +9,7 @@ import pandas as pd
 from truing.report.heads import Head
 from truing.report.numbers import count_text, percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
+from truing.report.tables import Row
 
 Frames = Mapping[str, pd.DataFrame]
 
@@ -37,7 +38,7 @@ def chain_accuracy_words(frames: Frames) -> list[str]:
     if not len(required):
         lines.append("campaign.toml states no [requirement]: with one, this names the fewest poses that reach it.")
     for row in required.itertuples():
-        lines.append(f"Requirement {_NAMES[str(row.component)]}: {_needed(row)}.")
+        lines.append(f"Requirement {_NAMES[str(row.component)]}: {_needed(row)}{_decided_by(row)}.")
     unseen = errors[~errors["seen"]]
     if len(unseen):
         lines.append(
@@ -56,7 +57,7 @@ def _expected(group: pd.DataFrame) -> str:
     return f"After a calibration by {whose}, 95 % of the tip's errors over the ranges stay below {sizes}."
 
 
-def _needed(row: object) -> str:
+def _needed(row: Row) -> str:
     limit, unit = plain(row.requirement), sign(str(row.unit))
     needed, floor = row.poses_needed, row.of_readings_95
     if not row.seen:
@@ -65,6 +66,26 @@ def _needed(row: object) -> str:
         poses = count_text(int(needed), "well-chosen pose")
         return f"{limit} {unit} needs about {poses}; the noise of the readings alone gives {plain(floor)} {unit}"
     return f"no number of poses reaches {limit} {unit}: the noise of the readings alone gives {plain(floor)} {unit}"
+
+
+def chain_requirement_words(table: pd.DataFrame) -> list[str]:
+    """Return a sentence on each requirement: whether a calibration by the campaign's own poses is expected to meet it,
+    and the number of held-out poses that decide."""
+    lines = []
+    for row in table[table["requirement"].notna() & table["seen"]].itertuples():
+        sizes = [f"{plain(value)} {sign(str(row.unit))}" for value in (row.error_95, row.requirement)]
+        verdict = "met" if row.error_95 <= row.requirement else "not met"
+        lines.append(
+            f"Requirement {_NAMES[str(row.component)]}: {sizes[0]} expected after a calibration by these "
+            f"{count_text(int(row.count), 'pose')}, {sizes[1]} required: {verdict}{_decided_by(row)}."
+        )
+    return lines
+
+
+def _decided_by(row: Row) -> str:
+    if row.held_out_needed != row.held_out_needed or row.held_out_needed is None:
+        return "; no number of held-out poses decides it" if row.seen else ""
+    return f"; {count_text(int(row.held_out_needed), 'held-out pose')} decide it"
 
 
 def chain_accuracy_head(campaign: str, frames: Frames) -> PageHead:
@@ -82,6 +103,7 @@ _ERROR_HEADS = (
     Head("error", "Size below which 95 % of the errors over the ranges of the joints stay."),
     Head("by readings alone", "The same by the noise of the readings in the predicted pose alone."),
     Head("requirement", "Required accuracy by campaign.toml; a dash where there is none."),
+    Head("held-out poses", "Number of held-out poses that decide the requirement after this calibration."),
     Head("poses needed", "Approximate least number of well-chosen poses that reach the requirement."),
 )
 
@@ -94,7 +116,7 @@ def chain_accuracy_sections(frames: Frames) -> list[ReportSection]:
             _WHOSE[str(r.poses)].format(count_text(int(r.count), "pose")),
             _NAMES[str(r.component)],
             *(_sized(getattr(r, name), str(r.unit)) for name in ("error_95", "of_readings_95", "requirement")),
-            "–" if r.poses_needed != r.poses_needed or r.poses_needed is None else str(int(r.poses_needed)),
+            *(_counted(value) for value in (r.held_out_needed, r.poses_needed)),
         )
         for r in errors.itertuples(index=False)
     )
@@ -112,6 +134,10 @@ def chain_accuracy_sections(frames: Frames) -> list[ReportSection]:
             listings=(Listing(heads, poses, held_by="the -plan table"),),
         ),
     ]
+
+
+def _counted(value: float | None) -> str:
+    return "–" if value is None or value != value else str(int(value))
 
 
 def _cell(value: object) -> str:
@@ -143,7 +169,7 @@ def chain_uniqueness_words(frames: Frames) -> list[str]:
     return lines
 
 
-def _combined(row: object) -> str:
+def _combined(row: Row) -> str:
     remedy, shown_at = str(row.remedy), row.shown_at
     if isinstance(shown_at, str) and shown_at:
         return f"{row.combination}: shown by {shown_at}"

@@ -110,7 +110,8 @@ def _opening_sentences(errors: pd.DataFrame) -> str:
     noise = first["noise_rms"]
     left = "" if noise != noise else f"; noise alone gives {quantity(noise, first['unit'])}"
     named = f"Models that were fitted to this campaign predict {first['campaign']}, which none of them used."
-    return f"{named} Errors in {first['quantity']} of {count_text(int(first['count']), 'value')}, rms: {sizes}{left}."
+    of = count_text(int(first["count"]), "value")
+    return f"{named} Errors in {first['quantity']} of {of}, rms: {sizes}{left}.{_range_words(first)}"
 
 
 def _listing(errors: pd.DataFrame) -> Listing:

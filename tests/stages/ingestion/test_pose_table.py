@@ -155,6 +155,26 @@ def broken(way, row, change):
     return [*XYZ, *columns], np.hstack([PLACES, values]), HEAD + toml
 
 
+@pytest.mark.parametrize(("way", "unit"), [("euler ZXZ", np.pi / 180.0), ("rotation vector", 1.0)])
+def test_angles_are_kept_as_recorded(tmp_path, way, unit):
+    found = run_line(written(tmp_path, way), "ingest")[0]["measured_poses"]
+    kept = np.column_stack([found.column(f"recorded_{a}_rad").to_numpy() for a in "abc"])
+    assert_close(kept, unit * np.asarray(WAYS[way][1]), atol=1e-12)
+
+
+def test_quaternions_have_no_recorded_angles(tmp_path):
+    found = run_line(written(tmp_path, "quaternion"), "ingest")[0]["measured_poses"]
+    assert "recorded_a_rad" not in found.column_names
+
+
+@pytest.mark.parametrize(("largest", "unit"), [(390.0, "gon"), (2e4, "deg")])
+def test_angles_beyond_a_turn_are_asked_for_their_unit(tmp_path, largest, unit):
+    columns, _, toml = WAYS["euler XYZ"]
+    angles = np.linspace(0.9 * largest, largest, 3 * COUNT).reshape(COUNT, 3)
+    table(tmp_path, [*XYZ, *columns], np.hstack([PLACES, angles]), HEAD + toml)
+    assert_says(faults(tmp_path)[0].expected, "did you mean", f'"{unit}"')
+
+
 def test_a_quaternion_has_the_norm_one(tmp_path):
     table(tmp_path, *broken("quaternion", 1, lambda q: 1.1 * q))
     (fault,) = faults(tmp_path)

@@ -63,6 +63,17 @@ def a_zero_off_by_ten_degrees(table: pd.DataFrame, lengths: pd.DataFrame) -> Non
     table["j2_rad"] += np.radians(10.0)
 
 
+def with_a_zero(offset: float, of_station: bool = False) -> Changed:
+    """Distances that are too long by an offset, mm: all of them, or those to one station."""
+
+    def change(table: pd.DataFrame, lengths: pd.DataFrame) -> None:
+        stations = sorted({end for end in (*lengths["from_end"], *lengths["to_end"]) if end.startswith("station:")})
+        is_of_station = (lengths[["from_end", "to_end"]] == stations[0]).any(axis=1)
+        lengths["reading_mm"] += offset * (is_of_station if of_station else 1.0)
+
+    return change
+
+
 def late_inches(table: pd.DataFrame, lengths: pd.DataFrame) -> None:
     lengths.loc[lengths["pose"] > LATE, "reading_mm"] /= 25.4
 
@@ -127,6 +138,27 @@ def test_a_slip_of_distances_or_of_their_readings_is_named(
     assert found.state is RelationState.FAILS
     (slip,) = found.slips
     assert (slip.kind, slip.subjects) == (kind, subjects)
+
+
+@pytest.mark.parametrize("offset", [-19.05, 12.7, 100.0])
+@pytest.mark.parametrize("of_station", [False, True])
+def test_a_wrong_zero_of_distances_is_named_with_its_size(
+    distances: tuple[dict[str, pa.Table], Campaign], offset: float, of_station: bool
+) -> None:
+    found = checked(distances, with_a_zero(offset, of_station))
+    assert found.state is RelationState.FAILS
+    (slip,) = found.slips
+    assert (slip.kind, slip.quantity, bool(slip.subjects)) == (SlipKind.ZERO, "distances (mm)", of_station)
+    assert slip.offset == pytest.approx(-offset, abs=0.15 * abs(offset))
+    assert found.misfit_explained is not None
+    assert found.misfit is not None
+    assert found.misfit_explained < 0.4 * found.misfit
+
+
+def test_a_small_zero_of_distances_is_left_to_the_diagnosis(
+    distances: tuple[dict[str, pa.Table], Campaign],
+) -> None:
+    assert checked(distances, with_a_zero(0.3)).state is RelationState.OK
 
 
 @pytest.mark.parametrize(("away", "verdict"), [(0.0, "pass"), (273.15, "fail")])

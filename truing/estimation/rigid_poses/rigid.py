@@ -101,6 +101,10 @@ class RigidFit:
         return (target - self.t[..., None, :]) @ self.R / self.scale[..., None, None] - source
 
 
+_FAULTS = (FitStatus.TOO_FEW_POINTS, FitStatus.COINCIDENT, FitStatus.COLLINEAR, FitStatus.AMBIGUOUS)
+_STATUS = np.array([*map(str, _FAULTS), str(FitStatus.OK)]).dtype
+
+
 class Motions(NamedTuple):
     """Rotations R (B, 3, 3), translations t (B, 3) in m, scales (B,) and statuses (B,) of fits."""
 
@@ -191,8 +195,9 @@ def _status(w: NDArray, is_one_place: NDArray, s: NDArray, handed: NDArray) -> N
     product of centred clouds."""
     gap, on_line = s[:, 1] + handed * s[:, 2], s[:, 1] <= _SINGULAR * s[:, 0]
     conditions = [np.count_nonzero(w, axis=-1) < 3, is_one_place, on_line, gap <= _SINGULAR * s[:, 0]]
-    choices = [FitStatus.TOO_FEW_POINTS, FitStatus.COINCIDENT, FitStatus.COLLINEAR, FitStatus.AMBIGUOUS]
-    return np.select(conditions, [str(c) for c in choices], str(FitStatus.OK))
+    if not np.any(conditions):  # as nearly always; a choice among texts takes as long as the fits of few points
+        return np.full(len(w), str(FitStatus.OK), _STATUS)
+    return np.select(conditions, [str(c) for c in _FAULTS], str(FitStatus.OK))
 
 
 def _coincident(spread: NDArray, centre: NDArray, total: NDArray) -> NDArray:

@@ -43,10 +43,15 @@ def umeyama(
 
 
 def umeyama_misfit(
-    source: ArrayLike, target: ArrayLike, weight: ArrayLike | None = None, *, with_scale: bool = False
+    source: ArrayLike,
+    target: ArrayLike,
+    weight: ArrayLike | None = None,
+    *,
+    with_scale: bool = False,
+    calls: int = 1,
 ) -> tuple[NDArray, NDArray]:
-    """Rms (B,) in m and scale (B,) of the motions of `umeyama`, NaN where it has none; clouds as there."""
-    if not with_scale and max(np.size(source), np.size(target)) // 3 >= _WORTH_COMPILED_CODE:
+    """Rms (B,) in m and scale (B,) of the motions of `umeyama`, NaN where it has none; clouds and calls as there."""
+    if not with_scale and calls * max(np.size(source), np.size(target)) // 3 >= _WORTH_COMPILED_CODE:
         fit = umeyama(source, target, weight)
         return fit.rms, fit.scale
     return solve_misfit(*check_correspondences(source, target, weight), with_scale=with_scale)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
@@ -15,6 +16,7 @@ from truing.calibration.chain_accuracy import (
     ToleranceSource,
     covered,
     expected_errors,
+    held_out_needed,
     poses_needed,
     tip_sight,
     tolerance_sources,
@@ -67,20 +69,35 @@ def chain_accuracy_tables(settings: Campaign, options: DesignOptions, tables: Ch
     least = 1 if scope.kept is not None else LEAST_POSES_OF_CHAIN
     needed = [None if count is None else max(count, least) for count in needed]
     plan, information = _plan(scope, sight, rows, kept, limits, needed, options, rng)
-    own = measured_poses(scope, tables)
-    parts: list[tuple[str, int, NDArray]] = []
-    if own is not None:
-        own = replace(own, model=offered.model.at(own.conditions))
-        parts.append(("own", len(own.conditions.readings), own.information))
-    parts.append(("plan", len(plan), information))
-    found = [
-        row
-        for poses, count, known in parts
-        for row in _errors(poses, count, expected_errors(sight, known), sight, limits, needed)
-    ]
+    found = _own_errors(scope, tables, sight, limits, needed)
+    found += _errors("plan", len(plan), information, sight, limits, needed)
     order = ordered_poses(plan, scope.ranges, scope.kept, options, rng)
     table = plan_table(scope.ranges, plan, order, replace(options, poses=len(plan), verification=0), tables.extend)
     return {"": pa.Table.from_pylist(found, schema=_ERRORS), "-plan": table}
+
+
+def chain_requirement_table(settings: Campaign, given: Mapping[str, pa.Table]) -> pa.Table:
+    """Return the expected errors of a calibration by the campaign's own poses, measured or planned, with what decides
+    its requirements; empty without any. Raises CampaignFaults."""
+    limits, tables = _limits(settings), ChainDesignTables(given)
+    if not np.isfinite(limits).any():
+        return _ERRORS.empty_table()
+    scope = chain_scope(settings, DesignOptions(1), tables, np.random.default_rng(0))
+    try:
+        sight = tip_sight(_some(scope.offered, _EVALUATED))
+    except ValueError:  # nothing measured moves with the tip
+        return _ERRORS.empty_table()
+    return pa.Table.from_pylist(_own_errors(scope, tables, sight, limits, [None] * len(limits)), schema=_ERRORS)
+
+
+def _own_errors(
+    scope: ChainScope, tables: ChainDesignTables, sight: TipSight, limits: NDArray, needed: list[int | None]
+) -> list[TableRow]:
+    own = measured_poses(scope, tables)
+    if own is None:
+        return []
+    own = replace(own, model=scope.offered.model.at(own.conditions))
+    return _errors("own", len(own.conditions.readings), own.information, sight, limits, needed)
 
 
 _ERRORS = pa.schema(
@@ -93,14 +110,16 @@ _ERRORS = pa.schema(
         ("of_readings_95", pa.float64()),
         ("requirement", pa.float64()),
         ("poses_needed", pa.int64()),
+        ("held_out_needed", pa.int64()),
         ("seen", pa.bool_()),
     ]
 )
 
 
 def _errors(
-    poses: str, count: int, errors: NDArray, sight: TipSight, limits: NDArray, needed: list[int | None]
+    poses: str, count: int, information: NDArray, sight: TipSight, limits: NDArray, needed: list[int | None]
 ) -> list[TableRow]:
+    errors, held_out = expected_errors(sight, information), held_out_needed(sight, information, limits)
     of_readings = covered(sight.of_readings)
     return [
         {
@@ -112,6 +131,7 @@ def _errors(
             "of_readings_95": float(of_readings[k] / _SI[k]) if sight.known[k] else None,
             "requirement": float(limits[k] / _SI[k]) if np.isfinite(limits[k]) else None,
             "poses_needed": needed[k],
+            "held_out_needed": held_out[k] if sight.known[k] else None,
             "seen": bool(sight.known[k]),
         }
         for k, component in enumerate(_COMPONENTS)
