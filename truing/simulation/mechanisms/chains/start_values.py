@@ -16,7 +16,6 @@ from truing.simulation.mechanisms.chains.tree import TWIST, Tree, TreeFrames
 
 _ROUNDS = 60
 _SETTLED = 1e-10  # largest step, m and rad
-_ROUNDING = 1e-14  # relative change of a sum of squares
 _LEVER_M = 0.1  # weight of an orientation against a position
 _WEAK = 1e-7  # of a free place's prior, against residuals in m
 
@@ -194,8 +193,6 @@ class _Problem:
             links_there = self._links(moved)
             found_there = self._predicted(moved, links_there)
             now = self._misfit(found_there)
-            if best < now <= (1.0 + _ROUNDING) * best:
-                break  # at the minimum, up to rounding: damped steps would only repeat this
             if now > best:
                 damping *= 10.0
             else:
