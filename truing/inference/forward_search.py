@@ -133,7 +133,28 @@ class ForwardSearch(Generic[CauseT]):
         found, worse, end = self._forward(rounds, kinds)
         kept, dropped, final = self._dropped(found, plain)
         searched = Searched(self.given, plain, kept, [*worse, *dropped], rounds, final, end)
-        return self._without_needless(self._refitted(searched, kept) if dropped else searched)
+        searched = self._refitted(searched, kept) if dropped else searched
+        return self._without_needless(self._plain_again(searched))
+
+    def _plain_again(self, searched: Searched[CauseT]) -> Searched[CauseT]:
+        """Return a search in which causes that are no longer distinct from their plain form, next to all others, have
+        that form."""
+        steps = [self._plain_step(step, searched.final) for step in searched.kept]
+        return (
+            searched
+            if all(new is old for new, old in zip(steps, searched.kept, strict=True))
+            else self._refitted(searched, steps)
+        )
+
+    @staticmethod
+    def _plain_step(step: Accepted[CauseT], final: FittedModel[CauseT]) -> Accepted[CauseT]:
+        if not step.cause.plain_id or step.cause.is_distinct(*final.values(step.cause)):
+            return step
+        wanted = (step.cause.plain_id, step.cause.subject)
+        plain = next((c for c in step.round.candidates if (c.cause.id, c.cause.subject) == wanted), None)
+        if plain is None:
+            return step
+        return replace(step, chosen=replace(step.chosen, candidate=plain), cause=plain.cause.refined())
 
     def _without_needless(self, searched: Searched[CauseT]) -> Searched[CauseT]:
         """Return a search without the known causes whose size is not significant next to the accepted ones, the least
@@ -373,13 +394,16 @@ class ForwardSearch(Generic[CauseT]):
     def _is_contested(
         self, candidate: CauseCandidate[CauseT], current: Round[CauseT], after: FittedModel[CauseT]
     ) -> bool:
-        """Return True if another form of an accepted cause, with distinct values, fits better than chance allows."""
-        for form in other_forms(candidate, current):
+        """Return True if other forms of an accepted cause, with distinct values, fit better than chance allows.
+
+        Two of them are asked for: forms that start from several units may end at one factor, and fits differ by noise.
+        """
+        forms, better = other_forms(candidate, current), 0
+        for form in forms:
             cause = form.cause.refined()
             other = self.fitter.prepared((*current.fitted.causes, cause), current.fitted)
-            if _gain(after, other) > _CONTESTED_GAIN and cause.is_distinct(*other.values(cause)):
-                return True
-        return False
+            better += _gain(after, other) > _CONTESTED_GAIN and cause.is_distinct(*other.values(cause))
+        return better >= min(2, len(forms)) > 0
 
     def _fitted_in_turn(self, steps: Sequence[Accepted[CauseT]]) -> list[Accepted[CauseT]]:
         """Return accepted causes with the models of a search that accepts them in this order."""
