@@ -122,7 +122,7 @@ def test_errors_by_series_are_those_of_the_poses(campaign: Path, run: Path) -> N
 def test_the_page_shows_the_chain_its_numbers_series_and_raw_files(campaign: Path, run: Path) -> None:
     sections = {section.id: section for section in load(run).sections}
     chain = sections["chain"]
-    numbers, series = chain.listings
+    numbers, _, series = chain.listings
     table = pq.read_table(run / "chain_parameters.parquet").to_pandas()
     assert len(numbers.rows) == len(table)
     determined = [row[-1] for row in numbers.rows]
