@@ -259,8 +259,8 @@ def _is_adjusted(group: Any, guess: Guess) -> bool:
 def shortened_entries(entries: list[Entry], most: int) -> tuple[list[Entry], list[Entry]]:
     """Entry of each table with most files, others while there is space, and the remaining ones.
 
-    Entries of one table in one file, such as poses of several bodies, belong together, and so do those of runs whose
-    poses have an offset. Next to a file for each pose, a
+    Entries of one table in one file belong together, such as poses of several bodies. So do runs whose poses have an
+    offset. Next to a file for each pose, a
     single file of points that names no pose is none of theirs.
     """
     firsts = {

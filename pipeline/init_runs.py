@@ -23,7 +23,7 @@ _MOST_RUNS, _MOST_ROWS = 40, 200_000
 
 
 @dataclass(frozen=True)
-class _Run:
+class _RunFile:
     """One file of a group: its name, the keys of its rows, and its poses, which are whole numbers."""
 
     name: str
@@ -61,7 +61,7 @@ def with_runs_apart(folder: Path, files: Sequence[_File]) -> tuple[list[_File], 
     return result, [seen]
 
 
-def _of_run(group: RawGroup, guess: Guess, run: _Run, offset: int) -> _File:
+def _of_run(group: RawGroup, guess: Guess, run: _RunFile, offset: int) -> _File:
     """Return the entry of a single file, with what its poses lack."""
     example = group.example.parent / run.name
     path = (Path(group.glob).parent / glob.escape(run.name)).as_posix()
@@ -73,7 +73,7 @@ def _of_run(group: RawGroup, guess: Guess, run: _Run, offset: int) -> _File:
     return own, replace(guess, mapping={**guess.mapping, "offset": offsets}, doubts=(*guess.doubts, doubt))
 
 
-def _runs(folder: Path, group: RawGroup, guess: Guess) -> list[_Run] | None:
+def _runs(folder: Path, group: RawGroup, guess: Guess) -> list[_RunFile] | None:
     """Return the files of a group in natural order; None where their poses are no whole numbers of each file."""
     keys = guess.mapping
     if guess.table not in _KEYS or not 2 <= group.count <= _MOST_RUNS or guess.known:
@@ -87,7 +87,7 @@ def _runs(folder: Path, group: RawGroup, guess: Guess) -> list[_Run] | None:
 _FIXED = ("join", "constants", "rename", "offset")
 
 
-def _run(folder: Path, path: Path, guess: Guess) -> _Run | None:
+def _run(folder: Path, path: Path, guess: Guess) -> _RunFile | None:
     rows = set[tuple[str, ...]]()
     names = _KEYS[str(guess.table)]
     try:
@@ -104,16 +104,16 @@ def _run(folder: Path, path: Path, guess: Guess) -> _Run | None:
     poses = {row[0] for row in rows}
     if not rows or not all(re.fullmatch(r"\d+", pose) for pose in poses):
         return None
-    return _Run(path.name, frozenset(rows), frozenset(map(int, poses)))
+    return _RunFile(path.name, frozenset(rows), frozenset(map(int, poses)))
 
 
-def _repeats(runs: Sequence[_Run]) -> bool:
+def _repeats(runs: Sequence[_RunFile]) -> bool:
     """Whether every file repeats rows of the first one: its poses, with the same bodies and targets."""
     first = runs[0]
     return all(run.rows & first.rows and min(run.poses) == min(first.poses) for run in runs[1:])
 
 
-def _offsets(runs_of: Sequence[Sequence[_Run]]) -> list[int] | None:
+def _offsets(runs_of: Sequence[Sequence[_RunFile]]) -> list[int] | None:
     """Return the offset of each run, the same for all tables; None where these have different numbers of files."""
     if len({len(runs) for runs in runs_of}) > 1:
         return None
@@ -134,7 +134,7 @@ def _logged(folder: Path, files: Sequence[_File], repeated: Sequence[bool]) -> s
     return None if not logs else set[int]().union(*(log.poses for log in logs if log is not None))
 
 
-def _within(runs_of: Sequence[Sequence[_Run]], offsets: Sequence[int], logged: set[int]) -> bool:
+def _within(runs_of: Sequence[Sequence[_RunFile]], offsets: Sequence[int], logged: set[int]) -> bool:
     moved = {pose + offset for runs in runs_of for run, offset in zip(runs, offsets, strict=True) for pose in run.poses}
     return moved <= logged
 

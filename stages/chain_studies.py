@@ -165,8 +165,8 @@ def _plan(
     options: DesignOptions,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """Return readings (N, n) of the fewest chosen poses that reach all limits which poses can reach, and their
-    information (G, G), that of kept ones included."""
+    """Return readings (N, n) of the fewest poses that reach all limits within reach, and the information (G, G) with
+    kept ones."""
     counts = [count for count in needed if count is not None]
     count = min(max(counts, default=options.poses), _MOST_CHOSEN)
     reached = np.array([number is not None and number <= _MOST_CHOSEN for number in needed])

@@ -228,7 +228,7 @@ def slips_of_zeros(compared: ComparedChain, fit: NominalFit) -> Iterator[WholeSl
 
 
 def _fitted_zero(compared: ComparedChain, fit: NominalFit, group: Mask, before: float) -> tuple[float, StartValues]:
-    """Return what distances of a group (D,) lack, m, with the places that fit best then; ``before``: misfit, m."""
+    """Return the zero, m, that distances of a group (D,) lack, and the places that fit then; ``before``: misfit, m."""
     from scipy.optimize import minimize_scalar
 
     def at(offset: float) -> StartValues:

@@ -191,8 +191,8 @@ def _missed_in_rows(
     positions: tuple[NDArray, NDArray],
     rows: Mask,
 ) -> tuple[float, float]:
-    """Return the rms distance, m, of some rows' positions (B, 3) as recorded and of inverse poses, where base and tool
-    are placed by the rows ``near``."""
+    """Return the rms distances, m, of some rows' positions (B, 3) as recorded and of inverse poses; rows ``near`` place
+    base and tool."""
     on_base, seen = frames[0] @ links, positions[1]
     about = seen - positions[0] @ frames[0].T
     design = np.concatenate([np.broadcast_to(np.eye(3), links.shape), on_base], axis=2)
@@ -281,8 +281,8 @@ def _about_mean(values: NDArray) -> float:
 
 
 def _alone(links: NDArray, by_chain: NDArray, seen: NDArray) -> tuple[Array, float]:
-    """Return the base (3, 3) that measured positions (B, 3) fit, with the place of the tool, and their rms distance, m,
-    from the chain on it."""
+    """Return the base (3, 3) that fits measured positions (B, 3) with a place of the tool, and their rms distance,
+    m."""
     tool, about, base, away = np.zeros(3), seen - seen.mean(axis=0), np.eye(3), np.inf
     for _ in range(_ROUNDS):
         places = by_chain + links @ tool

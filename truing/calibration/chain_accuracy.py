@@ -42,7 +42,7 @@ class TipSight:
 
 
 def tip_sight(poses: PlannedPoses) -> TipSight:
-    """Return how the measured tip moves at poses, linearised at the nominal chain.
+    """Return the linearised motion of the measured tip at poses, about the nominal chain.
 
     The position is the mean of the tip's targets; three of them, or a measured orientation, show rotations. In frames
     of single poses it moves relative to the link that defines these. Raises ValueError if nothing measured moves with
@@ -79,8 +79,8 @@ def tip_sight(poses: PlannedPoses) -> TipSight:
 
 
 def _motion(places: NDArray, turned: Mask, chosen: Mask, centre: NDArray) -> tuple[Array, Mask]:
-    """Return the matrix (B, 6, 3 K) from displacements of the channels to shift and rotation at ``centre`` (B, 3) of
-    the chosen ones, and the components (6,) that they show."""
+    """Return the matrix (B, 6, 3 K) from displacements of channels to shift and rotation at ``centre`` (B, 3); and the
+    mask (6,) of components that the chosen ones show."""
     count, channels = places.shape[:2]
     levers = np.where(turned[:, None], 0.0, places - centre[:, None])
     by = np.zeros((count, channels, 3, TWIST))
@@ -110,8 +110,8 @@ def covered(variance: NDArray) -> Array:
 
 
 def expected_errors(sight: TipSight, information: NDArray) -> Array:
-    """Return the sizes (6,), m and rad, below which 95 % of errors stay after a calibration by data of ``information``
-    (G, G), per prior sigma."""
+    """Return the sizes (6,), m and rad, of which 95 % of errors after a calibration stay below. ``information`` (G, G)
+    of the data is per prior sigma."""
     return covered(sight.variance(np.linalg.inv(np.eye(len(information)) + information)))
 
 

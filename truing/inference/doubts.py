@@ -39,11 +39,10 @@ class Doubts:
 
         Predictions may contradict it. A nonparametric effect is doubted that larger noise than declared may have
         produced, or in place of which other causes are more probable. A catalogued cause is also doubted if it takes
-        the place of a plainer one without clear need, or if the
-        final model is inadequate or holds a nonparametric effect of which the cause may be a part. So it is if a
-        nonparametric effect was more probable but refused, or still explains something next to the cause; if random
-        courses compete with it; if no effect, or other causes that explain the same, are too probable; or if it rests
-        on an assumption that nobody declared.
+        the place of a plainer one without clear need, or if the final model is inadequate. So is one that may be a part
+        of a nonparametric effect of the model. So it is if a nonparametric effect was more probable but refused, or
+        still explains something next to the cause; if random courses compete with it; if no effect, or other causes
+        that explain the same, are too probable; or if it rests on an assumption that nobody declared.
         """
         if verdict.verdict != FOUND:
             return verdict

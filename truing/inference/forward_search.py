@@ -13,6 +13,7 @@ import numpy as np
 
 from truing.inference import search_end
 from truing.inference.arrays import Mask
+from truing.inference.cause_forms import CauseForms
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real
 from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter
@@ -32,9 +33,6 @@ _CAUSES, _NOISE, _DEPENDENCE, _DOUBTED = 0.45, 0.05, 0.1, 0.4
 # Most catalogued causes that are tried together in place of a nonparametric effect. A nonparametric effect may imitate
 # more of them, but so many would imitate it.
 _MOST_TOGETHER = 4
-# Least decrease of the squares by a cause that takes the place of a plainer one: chi-square, one degree, p = 2e-4; and
-# by one that contests a plainer one, p = 0.01.
-_PLAIN_GAIN, _CONTESTED_GAIN = 13.8, 6.6
 
 
 @dataclass(frozen=True)
@@ -120,6 +118,11 @@ class ForwardSearch(Generic[CauseT]):
     settings: Settings
     given: tuple[CauseT, ...]
     progress: Callable[[str], None]
+
+    @property
+    def forms(self) -> CauseForms[CauseT]:
+        """Comparison of the forms of a cause."""
+        return CauseForms(self.fitter, self.given)
 
     def first_round(self, kinds: Sequence[CauseT]) -> list[Round[CauseT]]:
         """Return a list with the first round. The search goes on in this list, so that nothing else holds the large
@@ -223,9 +226,7 @@ class ForwardSearch(Generic[CauseT]):
             chosen = choose(current, refused, self.settings.level, pairs=pairs)
             next_cause = None if chosen is None else chosen.candidate.cause
             limit = further.limit([step.cause for step in found], current.fitted, next_cause)
-            if chosen is None and (restated := self._restated(found, current.fitted, None)) is not None:
-                found[:] = restated
-                rounds[-1] = self.scored(found[-1].after, kinds, len(rounds) - 1)
+            if chosen is None and self._is_restated(found, rounds, kinds, None):
                 continue
             if limit is not None or chosen is None:
                 left = chosen or choose(current, known_worse, self.settings.level, pairs=pairs)
@@ -241,9 +242,7 @@ class ForwardSearch(Generic[CauseT]):
                     return found, worse, further.end(None, len(found), rounds[-1], None)
             asked = chosen.candidate  # a plainer one may take its place; if that fails, this one is refused
             chosen, cause, after = self._fitted(chosen, current)
-            if (restated := self._restated(found, current.fitted, after)) is not None:
-                found[:] = restated
-                rounds[-1] = self.scored(found[-1].after, kinds, len(rounds) - 1)
+            if self._is_restated(found, rounds, kinds, after):
                 continue
             covered = self._covered(cause, after)
             if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
@@ -254,7 +253,7 @@ class ForwardSearch(Generic[CauseT]):
                 continue
             outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
             rivals, onsets = current.rivals_of(chosen.candidate), self._onsets(chosen.candidate, current)
-            is_contested = self._is_contested(chosen.candidate, current, after)
+            is_contested = self.forms.is_contested(chosen.candidate, current, after)
             if not chosen.of_two:  # accepted: two rounds at once need twice the memory
                 current, chosen = self._closed(rounds), chosen.light()
             next_round = self.scored(after, kinds, len(rounds))
@@ -265,22 +264,24 @@ class ForwardSearch(Generic[CauseT]):
             probability = chosen.probability
             if not chosen.of_two:
                 probability = closed.probability_of_name(chosen.candidate, next_round)
-            found.append(
-                Accepted(
-                    chosen.light(),
-                    closed,
-                    cause,
-                    closed.fitted,
-                    after,
-                    outdone,
-                    choice,
-                    probability,
-                    rivals,
-                    onsets,
-                    is_contested,
-                )
-            )
+            history = outdone, choice, probability, rivals, onsets, is_contested
+            found.append(Accepted(chosen.light(), closed, cause, closed.fitted, after, *history))
             rounds.append(next_round)
+
+    def _is_restated(
+        self,
+        found: list[Accepted[CauseT]],
+        rounds: list[Round[CauseT]],
+        kinds: Sequence[CauseT],
+        further: FittedModel[CauseT] | None,
+    ) -> bool:
+        """Give an accepted cause another form that fits clearly better; return True if one was changed."""
+        restated = self.forms.restated(found, rounds[-1].fitted, further)
+        if restated is None:
+            return False
+        found[:] = restated
+        rounds[-1] = self.scored(found[-1].after, kinds, len(rounds) - 1)
+        return True
 
     def _together(
         self,
@@ -342,7 +343,7 @@ class ForwardSearch(Generic[CauseT]):
             cause, size = own.refined(), chosen.candidate.signature.parameters
             after = self.fitter.prepared((*current.fitted.causes, cause), current.fitted)
             values, covariance = after.values(cause)
-            narrower = self._plainer(
+            narrower = self.forms.plainer(
                 chosen.candidate, current, after, is_distinct=cause.is_distinct(values, covariance)
             )
             if narrower is chosen.candidate:
@@ -351,68 +352,6 @@ class ForwardSearch(Generic[CauseT]):
             if narrower is chosen.candidate or not is_real(current, narrower, self.settings.level):
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=(), inputs=())
-
-    def _plainer(
-        self,
-        candidate: CauseCandidate[CauseT],
-        current: Round[CauseT],
-        after: FittedModel[CauseT],
-        *,
-        is_distinct: bool,
-    ) -> CauseCandidate[CauseT]:
-        """Return the plainer candidate whose place a candidate takes, unless the candidate is distinct and fits clearly
-        better, by the likelihood ratio of both fits; else the candidate itself."""
-        wanted = (candidate.cause.plain_id, candidate.cause.subject)
-        plain = next((c for c in current.candidates if (c.cause.id, c.cause.subject) == wanted), None)
-        if plain is None:
-            return candidate
-        other = self.fitter.prepared((*current.fitted.causes, plain.cause.refined()), current.fitted)
-        gain = _gain(other, after)
-        return candidate if is_distinct and gain > _PLAIN_GAIN else plain
-
-    def _restated(
-        self, found: Sequence[Accepted[CauseT]], current: FittedModel[CauseT], further: FittedModel[CauseT] | None
-    ) -> list[Accepted[CauseT]] | None:
-        """Return the accepted causes with another form of one of them, fitted again; None where each keeps its form.
-
-        A cause that was accepted next to large missing ones may later be clearly distinct from its plain form. Another
-        form has to fit clearly better than the plain one, and no worse than the model with a ``further`` cause, which
-        would be a consequence of the wrong form.
-        """
-        for at, step in enumerate(found):
-            others = [other.cause for k, other in enumerate(found) if k != at]
-            for form in other_forms(step.candidate, step.round):
-                cause = form.cause.refined()
-                after = self.fitter.prepared((*self.given, *others, cause), current)
-                gain, is_distinct = _gain(current, after), cause.is_distinct(*after.values(cause))
-                if is_distinct and gain > _PLAIN_GAIN and (further is None or _squares(after) <= _squares(further)):
-                    chosen = replace(step.chosen, candidate=form)
-                    changed = replace(step, chosen=chosen, cause=cause, is_contested=False)
-                    return self._fitted_in_turn([*found[:at], changed, *found[at + 1 :]])
-        return None
-
-    def _is_contested(
-        self, candidate: CauseCandidate[CauseT], current: Round[CauseT], after: FittedModel[CauseT]
-    ) -> bool:
-        """Return True if other forms of an accepted cause, with distinct values, fit better than chance allows.
-
-        Two of them are asked for: forms that start from several units may end at one factor, and fits differ by noise.
-        """
-        forms, better = other_forms(candidate, current), 0
-        for form in forms:
-            cause = form.cause.refined()
-            other = self.fitter.prepared((*current.fitted.causes, cause), current.fitted)
-            better += _gain(after, other) > _CONTESTED_GAIN and cause.is_distinct(*other.values(cause))
-        return better >= min(2, len(forms)) > 0
-
-    def _fitted_in_turn(self, steps: Sequence[Accepted[CauseT]]) -> list[Accepted[CauseT]]:
-        """Return accepted causes with the models of a search that accepts them in this order."""
-        after, fitted = steps[0].before, list[Accepted[CauseT]]()
-        for step in steps:
-            causes = (*self.given, *(other.cause for other in fitted), step.cause)
-            before, after = after, self.fitter.prepared(causes, after)
-            fitted.append(replace(step, before=before, after=after))
-        return fitted
 
     @staticmethod
     def _onsets(candidate: CauseCandidate[CauseT], current: Round[CauseT]) -> tuple[CauseT, CauseT] | None:
@@ -487,13 +426,6 @@ def names_of_one_effect(steps: Sequence[Accepted[CauseT]], last: Round[CauseT], 
     return several_for_one([(step.cause, step.candidate, step.round) for step in steps], last, alike)
 
 
-def other_forms(candidate: CauseCandidate[CauseT], current: Round[CauseT]) -> list[CauseCandidate[CauseT]]:
-    """Return the candidates that a plain cause may have to give its place to, the most probable first."""
-    wanted = (candidate.cause.id, candidate.cause.subject)
-    forms = [c for c in current.candidates if (c.cause.plain_id, c.cause.subject) == wanted]
-    return sorted(forms, key=current.posterior, reverse=True)
-
-
 def contested_causes(steps: Sequence[Accepted[CauseT]]) -> set[str]:
     """Return the keys of accepted causes that other forms contest, or that were accepted after one of these: they may
     be its consequences. Causes that contradict what others assume contest these, and the others."""
@@ -503,13 +435,3 @@ def contested_causes(steps: Sequence[Accepted[CauseT]]) -> set[str]:
     if denied & {step.cause.assumes for step in steps}:
         contested |= {step.cause.key for step in steps if {step.cause.assumes, step.cause.denies} & denied}
     return contested
-
-
-def _gain(plain: FittedModel[CauseT], other: FittedModel[CauseT]) -> float:
-    """Return the decrease of the squares by another model, over its noise."""
-    return (_squares(plain) - _squares(other)) / other.noise_ratio**2
-
-
-def _squares(fitted: FittedModel[CauseT]) -> float:
-    """Return the sum of squares of a model's residuals of observations and inputs, over the noise of its fit."""
-    return float(fitted.noise.observed_total + fitted.noise.inputs_total)

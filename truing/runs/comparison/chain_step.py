@@ -233,11 +233,11 @@ def _common_effects(before: ExtendedChain, now: ExtendedChain, parameters: pd.Da
     """Return the causes of the earlier model that the later one holds in the same form, each name once."""
     kept = [_persistent(one, parameters) for one in (before, now)]
     names = [Counter(owner(cause) for cause in causes) for causes in kept]
-    forms = {_form(cause) for cause in kept[1]}
+    forms = {_form_key(cause) for cause in kept[1]}
     return tuple(
         cause
         for cause in kept[0]
-        if cause.catalogued and all(count[owner(cause)] == 1 for count in names) and _form(cause) in forms
+        if cause.catalogued and all(count[owner(cause)] == 1 for count in names) and _form_key(cause) in forms
         if _is_sized(before, cause)
     )
 
@@ -249,14 +249,14 @@ def _is_sized(extended: ExtendedChain, cause: ChainCause) -> bool:
     return {p.name for p in cause.parameters(0)} <= reported
 
 
-def _form(cause: ChainCause) -> tuple[object, ...]:
-    """Return what two causes have in common if their parameters mean the same."""
+def _form_key(cause: ChainCause) -> tuple[object, ...]:
+    """Return a key that causes share if their parameters mean the same."""
     settings = sorted((name, repr(value)) for name, value in cause.settings().items() if name not in _OF_THE_FIT)
     return cause.id, *settings
 
 
-def _what(cause: ChainCause) -> tuple[object, ...]:
-    """Return what two causes have in common if they are one effect, in whatever form."""
+def _effect_key(cause: ChainCause) -> tuple[object, ...]:
+    """Return a key that causes share if they are one effect, in any form."""
     return cause.id, cause.subject, getattr(cause, "columns", ())
 
 
@@ -303,9 +303,9 @@ def _slopes(extended: ExtendedChain, numbers: _Numbers) -> NDArray:
             )
         if number.parameter == "offset" and number.joint in offsets:
             slopes[row, offsets[str(number.joint)]] = 1.0
-    own, row = {_form(cause): cause for cause in extended.causes}, len(numbers.parameters)
+    own, row = {_form_key(cause): cause for cause in extended.causes}, len(numbers.parameters)
     for cause in numbers.effects:
-        part = extended.layout[own[_form(cause)].key]
+        part = extended.layout[own[_form_key(cause)].key]
         count = part.stop - part.start
         slopes[row : row + count, part] = np.eye(count)
         row += count
@@ -329,8 +329,8 @@ def _has_offset(models: tuple[ExtendedChain, ...], parameters: pd.DataFrame) -> 
 
 def _bias(extended: ExtendedChain, other_model: ExtendedChain, numbers: _Numbers) -> NDArray:
     """Return the shifts of the numbers as a covariance (n, n), if effects that the other model lacks were left out."""
-    others = {_what(cause) for cause in other_model.causes}
-    alone = [cause for cause in _persistent(extended, numbers.parameters) if _what(cause) not in others]
+    others = {_effect_key(cause) for cause in other_model.causes}
+    alone = [cause for cause in _persistent(extended, numbers.parameters) if _effect_key(cause) not in others]
     slopes = _slopes(extended, numbers)
     linear = np.concatenate([slopes, np.eye(len(extended.covariance))])
     at, count = [np.r_[extended.layout[cause.key]] for cause in alone], len(slopes)
