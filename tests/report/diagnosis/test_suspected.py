@@ -328,3 +328,14 @@ def test_noise_that_is_larger_everywhere_raises_no_floor(follows, raises):
     scatter = row("approach-scatter", subject="joint j2", parameters={})
     found = assessed_causes(diagnosis_tables(rows(larger, scatter)))
     assert [one.raises_floor for one in found] == [raises, True]
+
+
+def test_of_dependences_that_the_findings_explain_two_are_stated_and_the_others_counted() -> None:
+    conditional = [
+        REMAINDER | {"subject": f"signal v{k}", "settings": json.dumps({WITHOUT_FINDINGS: True})} for k in range(1, 6)
+    ]
+    section = diagnosis(diagnosis_tables(rows(DOUBTED, *conditional, *rejected())))
+    assert section is not None
+    assert len(section.statements) == 1 + 2 + 1
+    assert says([text for _, text in section.statements], "3 more dependences")
+    assert len(section.listings[0].rows) == 1 + 5

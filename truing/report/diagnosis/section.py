@@ -34,6 +34,8 @@ from truing.report.wordings.claim import ParameterSize
 
 _TITLE = "Diagnosis"
 
+# Number of dependences stated that only a model without the findings shows; the table has all.
+_CONDITIONAL = 2
 # From this number of parameters of a kind on, a figure replaces the table.
 _WORTH_DRAWING = 3
 _TICKS = 24
@@ -49,7 +51,12 @@ def diagnosis(tables: Tables) -> ReportSection | None:
         return ReportSection("diagnosis", _TITLE, why[:1].upper() + why[1:])
     accepted = accepted_of(rows)
     rivals = [row for row in rows if row.verdict == RIVAL]
-    reported = [_accepted(row, tables) for row in accepted]
+    conditional = [row for row in accepted if row.is_conditional]
+    folded = conditional[_CONDITIONAL:]
+    reported = [_accepted(row, tables) for row in accepted if row not in folded]
+    if folded:
+        more = f"Without the other findings, {count_text(len(folded), 'more dependence')} of the residuals would show."
+        reported.append(("none", f"{more} The table below lists all."))
     reported += [
         ("warn", f"Alternative that this campaign cannot rule out: {lower(_finding(row, tables))}") for row in rivals
     ]
