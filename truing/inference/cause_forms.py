@@ -82,7 +82,8 @@ class CauseForms(Generic[CauseT]):
 
     def _fitted_in_turn(self, steps: Sequence[Accepted[CauseT]]) -> list[Accepted[CauseT]]:
         """Return accepted causes with the models of a search that accepts them in this order."""
-        after, fitted = steps[0].before, list[Accepted[CauseT]]()
+        after = steps[0].before
+        fitted: list[Accepted[CauseT]] = []
         for step in steps:
             causes = (*self.given, *(other.cause for other in fitted), step.cause)
             before, after = after, self.fitter.prepared(causes, after)

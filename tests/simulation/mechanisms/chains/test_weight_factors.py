@@ -12,7 +12,8 @@ from tests.simulation.mechanisms.chains.made_arms import campaign
 from tests.simulation.mechanisms.chains.test_chain_model import diagnosed
 from tests.tolerance import assert_close
 from truing.inference import forward_search
-from truing.inference.forward_search import ForwardSearch, contested_causes
+from truing.inference.cause_forms import CauseForms
+from truing.inference.forward_search import contested_causes
 from truing.inference.rounds import Round
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCompliance
@@ -106,6 +107,8 @@ def test_a_factor_whose_plain_form_fails_is_refused_and_not_chosen_again(monkeyp
 
     def first_asked_for_the_factor(current: Round[ChainCause], refused: set[str], *rest: object, **keys: object):  # type: ignore[no-untyped-def]
         """Choose a weight factor before others, as where it is a little more probable than the plain compliance."""
+        if asked and not refused:  # at its end the search asks what is left, refused or not
+            return plain_choice(current, refused, *rest, **keys)
         others = {c.kind for c in current.candidates} - {WeightFactor.id}
         return counted(current, refused | others, *rest, **keys) or counted(current, refused, *rest, **keys)
 
@@ -130,7 +133,7 @@ def test_masses_in_pounds_are_named_after_a_plain_compliance_was_accepted(
         return plain_choice(current, refused, *rest, **keys)
 
     monkeypatch.setattr(forward_search, "choose", first_plain)
-    monkeypatch.setattr(ForwardSearch, "_is_contested", lambda *_: False)
+    monkeypatch.setattr(CauseForms, "is_contested", lambda *_: False)
     true = Effect(JointCompliance("j2", load=20.0), np.array([6e-5]))
     found = diagnosed([true], seed, told=lambda model: with_masses(model, 1.0 / MASS_UNITS["lb"]))
     verdicts = [v for v in found.verdicts if v.verdict in ("found", "suspected")]
