@@ -225,7 +225,7 @@ DesignTolerances = Annotated[
     bool,
     typer.Option(
         "--tolerances",
-        help="Instead: errors of a force sensor's platform, or of a chain's tip, by each tolerance.",
+        help="Instead: errors of the platform of a force sensor, or of the tip of a chain, by each tolerance.",
     ),
 ]
 

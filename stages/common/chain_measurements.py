@@ -205,7 +205,7 @@ def chain_conditions(
         if field.name not in left_out and str(field.type) in ("double", "int64")
     }
     kept = {TIME, *(column_alias(column.name) for column in columns)}
-    covariates = {name: values for name, values in covariates.items() if name in kept or not numbers_rows(values)}
+    covariates = {name: values for name, values in covariates.items() if name in kept or not numbers_rows(name, values)}
     time = covariates.get("time_s")
     covariates[ORDER] = order_in_time(time, len(poses))
     if time is not None and is_row_number(time):

@@ -51,7 +51,7 @@ def pose_conditions(
         for field in configurations.schema
         if field.name not in ("pose", "role", *names) and _is_number(field.type)
     }
-    covariates = {name: values for name, values in covariates.items() if name == TIME or not numbers_rows(values)}
+    covariates = {name: values for name, values in covariates.items() if name == TIME or not numbers_rows(name, values)}
     time = covariates.get("time_s")
     covariates[ORDER] = order_in_time(time, len(poses))
     if time is not None:

@@ -67,7 +67,7 @@ def _common(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int)
             _complete(arrays, name, rows, number_column(table, name), count)
         for name, column in covariates.items():
             values = number_column(table, name)
-            if kind == "signals" and numbers_rows(values):
+            if kind == "signals" and numbers_rows(name, values):
                 continue
             differing = _columns_differ(arrays.get(column), rows, values)
             _complete(arrays, f"{kind}.{column}" if differing else column, rows, values, count)

@@ -202,7 +202,7 @@ def known_of_poses(
             if field.name not in ("pose", "role") and str(field.type) in ("double", "int64"):
                 values = np.full(len(poses), np.nan)
                 values[index[index >= 0]] = number_column(table, field.name)[index >= 0]
-                if field.name == TIME or field.name in drives or not numbers_rows(values):
+                if field.name == TIME or field.name in drives or not numbers_rows(field.name, values):
                     covariates[column_alias(field.name)] = values
     time = covariates.get("time_s")
     if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from truing.arrays import TableRow
 from truing.inference.fitter import Fitter
 from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
 from truing.simulation.mechanisms.chains.guideways import GuidewayError
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
@@ -54,7 +55,9 @@ def results(
     ``tables``: joints and configurations, by which next poses are chosen.
     """
     next_poses = chain_measurements_of(diagnosis, settings, tables) if tables else None
-    inseparable = inseparable_table(diagnosis.final, settings, tables) if tables else None
+    model = diagnosis.final.model
+    is_open = isinstance(model, ChainModel) and not isinstance(model.tree, ClosedTree)
+    inseparable = inseparable_table(diagnosis.final, settings, tables) if tables and is_open else None
     diagnosis, data = fitted_to_all(diagnosis, data, settings.diagnosis.seed)
     final = diagnosis.final
     of_errors = {"diagnosis_left_out": left_out_table(diagnosis, data)} if diagnosis.screened else {}

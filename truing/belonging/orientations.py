@@ -213,7 +213,8 @@ def _frames_of_most(links: NDArray, measured: NDArray, notable: float) -> tuple[
         if near.mean() > _NEARLY_HALF:
             break
     for _ in range(_ROUNDS_OF_SETS if near.any() else 0):
-        best = _fitted(links[near], measured[near], best[1])
+        bases, tools = _fitted(links[near], measured[near], best[1][None])
+        best = bases[0], tools[0]
         agree = _angles(best, links, measured) <= notable
         if (agree == near).all():
             break

@@ -219,7 +219,8 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
     unknowns, turn = chain_unknowns(poses.model)
     observability, offered = _observed(poses.rows, unknowns, turn), possible.candidates
     every = _observed(offered.without_pose_unknowns(offered.rows), unknowns, turn)
-    covariance = np.linalg.inv(np.eye(len(unknowns)) + poses.information)
+    values, vectors = np.linalg.eigh(np.eye(len(unknowns)) + poses.information)
+    covariance = (vectors / np.maximum(values, 1.0)) @ vectors.T
     with np.errstate(divide="ignore", invalid="ignore"):  # of what the groups determine, which is not used here
         groups = inseparable(observability)
     texts = [text for group in groups for text in group.texts]

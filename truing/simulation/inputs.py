@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from itertools import pairwise
@@ -9,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+_FEWEST_NUMBERED, _UNIT_AT_END = 8, re.compile(r"_[a-z]{1,4}$")
 TIME, ORDER, TEMPERATURE = "time_s", "order", "temperature_c"
 OWN_DRIVE, APPROACH, LAST_STEP, MEMORY = "own drive", "approach", "last step", "memory"
 # States of stop operators, and their thresholds relative to the range of a reading.
@@ -106,9 +108,12 @@ def is_row_number(time: NDArray) -> bool:
     return bool((np.diff(np.sort(time)) == 1.0).all())
 
 
-def numbers_rows(values: NDArray) -> bool:
-    """Return True if a column (B,) counts its rows, such as a running number: it says no more than their order."""
-    return len(values) > 1 and bool((np.diff(values) == 1.0).all())
+def numbers_rows(name: str, values: NDArray) -> bool:
+    """Return True if a column (B,) counts its rows, such as a running number: it says no more than their order.
+
+    Its name ends in no unit: a temperature may rise by one from row to row.
+    """
+    return len(values) >= _FEWEST_NUMBERED and not _UNIT_AT_END.search(name) and bool((np.diff(values) == 1.0).all())
 
 
 def ranks(order: NDArray) -> NDArray:

@@ -54,7 +54,7 @@ def _with_covariates(path: Path, names: list[str], key: list[str]) -> dict[str, 
     """Give every name a number of its own in each group of rows; return the numbers, ascending."""
     table = pd.read_csv(path, dtype=str, keep_default_na=False)
     group = table.groupby(key, sort=False).ngroup().to_numpy()
-    values = {name: 1000.0 * place + np.arange(group.max() + 1) for place, name in enumerate(names)}
+    values = {name: 1000.0 * place + 0.5 * np.arange(group.max() + 1) for place, name in enumerate(names)}
     pd.concat([table, pd.DataFrame({name: own[group] for name, own in values.items()})], axis=1).to_csv(
         path, index=False
     )
