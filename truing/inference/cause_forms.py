@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Generic
+from typing import Generic
 
+from truing.inference.accepted_cause import Accepted
 from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter
 from truing.inference.model import CauseT
 from truing.inference.rounds import Round
 from truing.inference.search import CauseCandidate
-
-if TYPE_CHECKING:
-    from truing.inference.forward_search import Accepted
 
 # Least decrease of the squares by a cause that takes the place of a plainer one: chi-square, one degree, p = 2e-4; and
 # by one that contests a plainer one, p = 0.01.

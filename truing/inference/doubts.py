@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from truing.inference.accepted_cause import Accepted
 from truing.inference.fitted_model import FittedModel
-from truing.inference.forward_search import Accepted, ForwardSearch, Searched, names_of_one_effect
+from truing.inference.forward_search import ForwardSearch, Searched, names_of_one_effect
 from truing.inference.free_course import CourseRival, course_rival
 from truing.inference.model import CauseT
 from truing.inference.rounds import act_on_same, share_explained

@@ -12,6 +12,7 @@ from typing import Generic
 import numpy as np
 
 from truing.inference import search_end
+from truing.inference.accepted_cause import Accepted
 from truing.inference.arrays import Mask
 from truing.inference.cause_forms import CauseForms
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real
@@ -62,28 +63,6 @@ class Settings:
     def doubted_level(self) -> float:
         """p-value below which the final model does not hold as a whole."""
         return _DOUBTED * self.false_alarm
-
-
-@dataclass(frozen=True)
-class Accepted(Generic[CauseT]):
-    """An accepted cause: the choice, its round, and the models without it and with it."""
-
-    chosen: CandidateChoice[CauseT]
-    round: Round[CauseT]
-    cause: CauseT  # in the form that was fitted
-    before: FittedModel[CauseT]  # the model without it
-    after: FittedModel[CauseT]
-    is_outdone: bool  # a nonparametric effect was more probable, but was refused
-    choice: float  # evidence averaged over its shapes on its subject, relative to its own
-    probability: float  # of its kind among all that explain the same
-    rivals: frozenset[str]  # keys of nonparametric effects that explain much of what it explains
-    onsets: tuple[CauseT, CauseT] | None = None  # the cause at its earliest and latest possible onset
-    is_contested: bool = False  # another form of it fits better, though not clearly
-
-    @property
-    def candidate(self) -> CauseCandidate[CauseT]:
-        """Candidate that was accepted."""
-        return self.chosen.candidate
 
 
 @dataclass(frozen=True)

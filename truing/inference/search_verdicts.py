@@ -8,9 +8,10 @@ from typing import Generic
 
 import numpy as np
 
+from truing.inference.accepted_cause import Accepted
 from truing.inference.block_gain import gain_in_blocks
 from truing.inference.choice import is_real, is_worth_reporting
-from truing.inference.forward_search import Accepted, ForwardSearch, Searched
+from truing.inference.forward_search import ForwardSearch, Searched
 from truing.inference.model import CauseT
 from truing.inference.rounds import RIVAL_FACTOR, Round
 from truing.inference.search_end import EndOfSearch
