@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic
 
 from truing.inference.choice import CandidateChoice
@@ -32,3 +32,7 @@ class Accepted(Generic[CauseT]):
     def candidate(self) -> CauseCandidate[CauseT]:
         """Candidate that was accepted."""
         return self.chosen.candidate
+
+    def light(self, closed: Round[CauseT]) -> Accepted[CauseT]:
+        """Return the accepted cause with its round ``closed`` and without designs, which only a search needs."""
+        return replace(self, chosen=self.chosen.light(), round=closed)

@@ -5,7 +5,7 @@ Each accepted cause, and each that was known before, is dropped at the end if th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -111,8 +111,31 @@ class ForwardSearch(Generic[CauseT]):
     def searched(self, kinds: Sequence[CauseT], rounds: list[Round[CauseT]] | None = None) -> Searched[CauseT]:
         """Return the search from the plain model on; ``rounds`` holds its first round, if known."""
         rounds = rounds or self.first_round(kinds)
-        plain = rounds[0].fitted
-        found, worse, end = self._forward(rounds, kinds)
+        return self._completed(rounds, kinds, rounds[0].fitted, [], [])
+
+    def continued(
+        self, searched: Searched[CauseT], kinds: Sequence[CauseT], steps: Sequence[Accepted[CauseT]]
+    ) -> Searched[CauseT]:
+        """Return a search that goes on after other accepted causes than its own, in the order of ``steps``."""
+        search, rounds = replace(self, given=searched.given), list(searched.rounds)
+        refitted = search._refitted(searched, steps)
+        self._closed(rounds)
+        rounds[-1] = search.scored(refitted.final, kinds, len(rounds))
+        worse = [verdict for verdict in searched.refused if verdict.reason is Reason.HELD_OUT]
+        goes_on = search._completed(rounds, kinds, searched.plain, refitted.kept, worse)
+        others = [verdict for verdict in searched.refused if verdict.reason is not Reason.HELD_OUT]
+        return replace(goes_on, refused=[*others, *goes_on.refused])
+
+    def _completed(
+        self,
+        rounds: list[Round[CauseT]],
+        kinds: Sequence[CauseT],
+        plain: FittedModel[CauseT],
+        found: list[Accepted[CauseT]],
+        worse: list[Verdict[CauseT]],
+    ) -> Searched[CauseT]:
+        """Return the search after ``found`` causes and verdicts on those that predict ``worse``; adds to all lists."""
+        end = self._forward(rounds, kinds, found, worse)
         kept, dropped, final = self._dropped(found, plain)
         searched = Searched(self.given, plain, kept, [*worse, *dropped], rounds, final, end)
         searched = self._refitted(searched, kept) if dropped else searched
@@ -192,12 +215,14 @@ class ForwardSearch(Generic[CauseT]):
         return score_round(fitted, kinds, self.settings.draws, np.random.default_rng([self.settings.seed, number]))
 
     def _forward(
-        self, rounds: list[Round[CauseT]], kinds: Sequence[CauseT]
-    ) -> tuple[list[Accepted[CauseT]], list[Verdict[CauseT]], EndOfSearch[CauseT]]:
-        """Return the causes accepted in turn, those refused because they predict worse, and the end of the search; adds
-        rounds."""
-        found: list[Accepted[CauseT]] = []
-        worse: list[Verdict[CauseT]] = []
+        self,
+        rounds: list[Round[CauseT]],
+        kinds: Sequence[CauseT],
+        found: list[Accepted[CauseT]],
+        worse: list[Verdict[CauseT]],
+    ) -> EndOfSearch[CauseT]:
+        """Return the end of the search; adds rounds, causes accepted in turn, and verdicts on those that predict
+        worse."""
         pairs, further, together = True, FurtherCauses[CauseT](), True
         while True:
             current, known_worse = rounds[-1], {verdict.cause.id for verdict in worse}
@@ -213,39 +238,61 @@ class ForwardSearch(Generic[CauseT]):
                     left = choose(current, set(), self.settings.level, pairs=pairs)
                     limit = limit if left is None else SearchEnd.REFUSED
                 cause_left = None if left is None else left.candidate.cause
-                return found, worse, further.end(limit, len(found), current, cause_left)
+                return further.end(limit, len(found), current, cause_left)
             if together and not chosen.candidate.cause.catalogued:
                 together = False
                 if by_names := self._together(rounds, kinds, refused, chosen.candidate):
                     found += by_names
-                    return found, worse, further.end(None, len(found), rounds[-1], None)
+                    return further.end(None, len(found), rounds[-1], None)
             asked = chosen.candidate  # a plainer one may take its place; if that fails, this one is refused
-            chosen, cause, after = self._fitted(chosen, current)
+            chosen, cause, after = self.fitted_form(chosen, current)
             if self._is_restated(found, rounds, kinds, after):
                 continue
-            covered = self._covered(cause, after)
+            covered = self.covered(cause, after)
             if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
                 further.unpaid.add(asked.kind)
                 continue
             if predicts_worse(current.fitted.held_out, after.held_out, covered):
                 worse.append(first_order(current, asked, REJECTED, self.fitter.held_out, Reason.HELD_OUT))
                 continue
-            outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
-            rivals, onsets = current.rivals_of(chosen.candidate), self._onsets(chosen.candidate, current)
-            is_contested = self.forms.is_contested(chosen.candidate, current, after)
-            if not chosen.of_two:  # accepted: two rounds at once need twice the memory
-                current, chosen = self._closed(rounds), chosen.light()
+            accepted = self.accepted(chosen, cause, current, after, refused)
+            if not chosen.of_two:  # two rounds at once need twice the memory
+                accepted = accepted.light(self._closed(rounds))
+                current, chosen = accepted.round, accepted.chosen
             next_round = self.scored(after, kinds, len(rounds))
             pairs = not chosen.of_two or confirmed(current, chosen, next_round, self.settings.level, refused)
             if not pairs:
                 continue
-            closed = self._closed(rounds)
-            probability = chosen.probability
+            accepted = accepted.light(self._closed(rounds))
             if not chosen.of_two:
-                probability = closed.probability_of_name(chosen.candidate, next_round)
-            history = outdone, choice, probability, rivals, onsets, is_contested
-            found.append(Accepted(chosen.light(), closed, cause, closed.fitted, after, *history))
+                probability = accepted.round.probability_of_name(accepted.candidate, next_round)
+                accepted = replace(accepted, probability=probability)
+            found.append(accepted)
             rounds.append(next_round)
+
+    def accepted(
+        self,
+        chosen: CandidateChoice[CauseT],
+        cause: CauseT,
+        current: Round[CauseT],
+        after: FittedModel[CauseT],
+        refused: Collection[str] = (),
+    ) -> Accepted[CauseT]:
+        """Return a choice of an open round as accepted, in the form that was fitted, with the model after it."""
+        candidate = chosen.candidate
+        return Accepted(
+            chosen,
+            current,
+            cause,
+            before=current.fitted,
+            after=after,
+            is_outdone=is_outdone(current, candidate, set(refused)),
+            choice=current.choice(candidate),
+            probability=chosen.probability,
+            rivals=current.rivals_of(candidate),
+            onsets=self._onsets(candidate, current),
+            is_contested=self.forms.is_contested(candidate, current, after),
+        )
 
     def _is_restated(
         self,
@@ -282,8 +329,8 @@ class ForwardSearch(Generic[CauseT]):
             chosen = choose(current, refused | hidden, self.settings.level)
             if chosen is None:
                 break
-            chosen, cause, after = self._fitted(chosen, current)
-            if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after)):
+            chosen, cause, after = self.fitted_form(chosen, current)
+            if predicts_worse(current.fitted.held_out, after.held_out, self.covered(cause, after)):
                 return []
             choice, rivals = current.choice(chosen.candidate), current.rivals_of(chosen.candidate)
             onsets, chosen = self._onsets(chosen.candidate, current), chosen.light()
@@ -312,7 +359,7 @@ class ForwardSearch(Generic[CauseT]):
             rounds[-1].fitted.release()
         return rounds[-1]
 
-    def _fitted(
+    def fitted_form(
         self, chosen: CandidateChoice[CauseT], current: Round[CauseT]
     ) -> tuple[CandidateChoice[CauseT], CauseT, FittedModel[CauseT]]:
         """Return the choice, its cause in the form that is fitted, and the model with it, without parts that have no
@@ -337,7 +384,7 @@ class ForwardSearch(Generic[CauseT]):
         """Return a candidate's cause at its earliest and latest possible onset."""
         return None if current.search is None else onset_interval(candidate, current.fitted, current.search)
 
-    def _covered(self, cause: CauseT, after: FittedModel[CauseT]) -> Mask:
+    def covered(self, cause: CauseT, after: FittedModel[CauseT]) -> Mask:
         """Return True for held-out epochs (B,) at which a cause claims to hold."""
         held_out = self.fitter.held_out
         if held_out is None:

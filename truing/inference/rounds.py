@@ -60,6 +60,11 @@ _LOST, _EQUAL = 0.5, 1e-3
 STRETCH = 3.0
 
 
+def explains_the_same(score: Score, later: Score | None) -> bool:
+    """Return True if a candidate loses half of its squares next to an accepted cause, from ``score`` to ``later``."""
+    return later is not None and later.squares <= _LOST * score.squares
+
+
 def is_nonparametric_of_subject(cause: CauseLike) -> bool:
     """Return True for a nonparametric effect with a subject; one of the whole is no rival of a catalogued cause."""
     return not cause.catalogued and bool(cause.subject)
@@ -175,15 +180,13 @@ class Round(Generic[CauseT]):
         squares = self.scores[chosen.key].squares
         odds: dict[str, list[float]] = {chosen.kind: [self.posterior(chosen)]}
         for key, score in self.scores.items():
-            later_score = later.scores.get(key)
-            later_squares = np.inf if later_score is None else later_score.squares
             equal = (
                 len(score.along) >= len(chosen.signature.strengths) and abs(score.squares - squares) < _EQUAL * squares
             )
             if (
                 key != chosen.key
                 and self.kinds[key] not in ignored
-                and later_squares <= _LOST * score.squares
+                and explains_the_same(score, later.scores.get(key))
                 and not (equal and self.kinds[key] != chosen.kind)
             ):
                 odds.setdefault(self.kinds[key], []).append(score.log_posterior)

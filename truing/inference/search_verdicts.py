@@ -13,6 +13,7 @@ from truing.inference.block_gain import gain_in_blocks
 from truing.inference.choice import is_real, is_worth_reporting
 from truing.inference.forward_search import ForwardSearch, Searched
 from truing.inference.model import CauseT
+from truing.inference.names_next_to_others import NAMED, NamesNextToOthers
 from truing.inference.rounds import RIVAL_FACTOR, Round
 from truing.inference.search_end import EndOfSearch
 from truing.inference.shape_uncertainty import shape_covariance_factors
@@ -30,10 +31,6 @@ from truing.inference.verdicts import (
 # Largest growth of the rms error with a finding, on fitted and on held-out epochs. It may grow slightly on fitted ones,
 # since without the cause other parameters take improbable values.
 _NO_MORE, _NO_WORSE = 1.002, 1.02
-# Probability from which on a name is found, among all that explain the same.
-NAMED = 0.9
-# Whitened residuals up to which a doubtful name is compared again: beyond, two rounds would take too much memory.
-_MOST_COMPARED = 20_000
 # Log odds over no effect below which an effect is not found.
 LEAST_LOG_ODDS = float(np.log(NAMED / (1.0 - NAMED)))
 
@@ -54,8 +51,9 @@ class SearchVerdicts(Generic[CauseT]):
         compared again, next to all others.
         """
         refuted: list[Verdict[CauseT]] = []
+        compared = NamesNextToOthers(self.search, kinds)
         while True:
-            searched = self.named_next_to_others(searched, kinds)
+            searched = compared.compared(searched)
             accepted_keys = {step.cause.key for step in searched.kept}
             verdicts = [
                 self._next_to_others(verdict, searched)
@@ -72,33 +70,6 @@ class SearchVerdicts(Generic[CauseT]):
                 return searched, verdicts
             refuted.append(unpaid[-1])
             searched = self.search.without(searched, unpaid[-1].cause.key)
-
-    def named_next_to_others(self, searched: Searched[CauseT], kinds: Sequence[CauseT]) -> Searched[CauseT]:
-        """Return the search with the probabilities of doubtful names next to all other accepted causes.
-
-        At its acceptance, the rivals of a cause were compared in a model that lacked the causes accepted later, which
-        may have made them alike.
-        """
-        doubtful = [step.probability < NAMED and step.cause.catalogued for step in searched.kept[:-1]]
-        if not any(doubtful):
-            return searched
-        kept = [
-            replace(step, probability=self._probability_of_name(step, searched, kinds)) if is_doubtful else step
-            for step, is_doubtful in zip(searched.kept, [*doubtful, False], strict=True)
-        ]
-        return replace(searched, kept=kept)
-
-    def _probability_of_name(
-        self, step: Accepted[CauseT], searched: Searched[CauseT], kinds: Sequence[CauseT]
-    ) -> float:
-        without = self.search.without_cause(searched, step.cause.key)
-        if len(without.fit.whitened.residual) > _MOST_COMPARED:
-            return step.probability
-        compared = self.search.scored(without, kinds, len(searched.rounds)).closed()
-        candidate = next((c for c in compared.candidates if c.key == step.candidate.key), None)
-        if candidate is None:
-            return step.probability
-        return compared.probability_of_name(candidate, searched.rounds[-1])
 
     def _next_to_others(self, verdict: Verdict[CauseT], searched: Searched[CauseT]) -> Verdict[CauseT]:
         """Return a verdict with the errors of the final model, and of the final model without the cause."""
