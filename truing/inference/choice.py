@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -70,9 +70,26 @@ def choose(
         (c for c in equal if current.posterior(c) >= best - NAMED),
         key=lambda c: (c.signature.parameters, -current.posterior(c)),
     )
+    return _choice(current, chosen, rivals, left[chosen.kind])
+
+
+def chosen_again(
+    current: Round[CauseT], name: CauseCandidate[CauseT], refused: set[str], level: float
+) -> CandidateChoice[CauseT]:
+    """Return the choice of a given candidate with its rivals of this round, as where it is chosen there."""
+    rivals = _equivalent_candidates(current, level, refused)
+    return _choice(current, name, [c for c in rivals if c.kind != name.kind], current.probabilities[name.kind])
+
+
+def _choice(
+    current: Round[CauseT],
+    chosen: CauseCandidate[CauseT],
+    rivals: Sequence[CauseCandidate[CauseT]],
+    probability: float,
+) -> CandidateChoice[CauseT]:
     also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
     others = _other_subjects(current, chosen), _other_inputs(current, chosen)
-    return CandidateChoice(chosen, also, left[chosen.kind], False, *others)
+    return CandidateChoice(chosen, also, probability, False, *others)
 
 
 def confirmed(

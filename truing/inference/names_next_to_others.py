@@ -12,7 +12,7 @@ from typing import Generic
 import numpy as np
 
 from truing.inference.accepted_cause import Accepted
-from truing.inference.choice import CandidateChoice, choose
+from truing.inference.choice import CandidateChoice, choose, chosen_again
 from truing.inference.forward_search import ForwardSearch, Searched
 from truing.inference.model import CauseT
 from truing.inference.prediction import predicts_worse
@@ -33,21 +33,21 @@ class NamesNextToOthers(Generic[CauseT]):
     exchanged: set[str] = field(default_factory=set)  # keys of names that gave their place to a rival
 
     def compared(self, searched: Searched[CauseT]) -> Searched[CauseT]:
-        """Return the search with the probabilities of doubtful names next to all other accepted causes.
+        """Return the search with doubtful names, and those with rivals, compared next to all other accepted causes.
 
         A name that a rival clearly beats there gives its place to that rival, and the search goes on.
         """
         kept = list(searched.kept)
         for at, step in enumerate(kept):
             is_last = at == len(kept) - 1 and not self.exchanged  # it was compared next to all others
-            if step.probability >= NAMED or not step.cause.catalogued or is_last:
+            if is_last or not step.cause.catalogued or not _has_rivals(step):
                 continue
             round_without = self._round_without(step, searched)
             if round_without is None:
                 continue
             if exchanged := self._exchanged(step, round_without, searched):
                 return self.compared(exchanged)
-            kept[at] = replace(step, probability=_probability(step, round_without, searched))
+            kept[at] = self._compared_again(step, round_without, searched)
         return replace(searched, kept=kept)
 
     def _round_without(self, step: Accepted[CauseT], searched: Searched[CauseT]) -> Round[CauseT] | None:
@@ -86,13 +86,25 @@ class NamesNextToOthers(Generic[CauseT]):
         same = explains_the_same(compared.scores[chosen.candidate.key], last.scores.get(chosen.candidate.key))
         return chosen if is_clear and same else None
 
+    def _compared_again(
+        self, step: Accepted[CauseT], compared: Round[CauseT], searched: Searched[CauseT]
+    ) -> Accepted[CauseT]:
+        """Return an accepted cause with its probability and its rivals in the round next to all other causes."""
+        name = next((c for c in compared.candidates if c.key == step.candidate.key), None)
+        if name is None:
+            return step
+        refused = self._refused(searched)
+        chosen = chosen_again(compared, name, refused, self.search.settings.level)
+        again = self.search.accepted(chosen, step.cause, compared, searched.final, refused).light(compared.closed())
+        probability = again.round.probability_of_name(name, searched.rounds[-1])
+        return replace(again, before=step.before, after=step.after, probability=probability)
+
     @staticmethod
     def _refused(searched: Searched[CauseT]) -> set[str]:
         return {verdict.cause.id for verdict in searched.refused}
 
 
-def _probability(step: Accepted[CauseT], compared: Round[CauseT], searched: Searched[CauseT]) -> float:
-    """Return the probability of a name in the round next to all other causes."""
-    closed = compared.closed()
-    candidate = next((c for c in closed.candidates if c.key == step.candidate.key), None)
-    return step.probability if candidate is None else closed.probability_of_name(candidate, searched.rounds[-1])
+def _has_rivals(step: Accepted[CauseT]) -> bool:
+    """Return True if a name is doubtful, or a cause of another kind explains the data nearly as well."""
+    rivals = (rival for rival, _ in step.chosen.rivals if rival.cause.catalogued)
+    return step.probability < NAMED or any(rival.kind != step.candidate.kind for rival in rivals)
