@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import log
 from types import SimpleNamespace
 from typing import Any
@@ -137,6 +137,7 @@ class _Verdicts(SearchVerdicts[Any]):
 @dataclass(frozen=True)
 class _Step:
     cause: Any
+    chosen: Any = field(default_factory=lambda: SimpleNamespace(rivals=()))
     before: Any = None
     after: Any = None
     probability: float = 1.0

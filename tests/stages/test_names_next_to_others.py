@@ -21,3 +21,4 @@ def test_both_hidden_effects_of_the_sample_robot_are_found() -> None:
     found = rows[rows["verdict"] == "found"]
     assert set(zip(found["cause"], found["subject"], strict=True)) == {(e["cause"], e["subject"]) for e in hidden}
     assert (found["probability"] > 0.99).all()
+    assert not (rows["verdict"] == "indistinguishable").any(), "a rival within odds of 20 before the elbow was known"

@@ -48,7 +48,8 @@ class NamesNextToOthers(Generic[CauseT]):
             if exchanged := self._exchanged(step, round_without, searched):
                 return self.compared(exchanged)
             kept[at] = self._compared_again(step, round_without, searched)
-        return replace(searched, kept=kept)
+        is_same = all(new is old for new, old in zip(kept, searched.kept, strict=True))
+        return searched if is_same else replace(searched, kept=kept)
 
     def _round_without(self, step: Accepted[CauseT], searched: Searched[CauseT]) -> Round[CauseT] | None:
         """Return the round of candidates next to all other causes, None where it would take too much memory."""
