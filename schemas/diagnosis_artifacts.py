@@ -124,7 +124,7 @@ DIAGNOSIS = (
         "points and readings that the diagnosis rejected as gross errors: residual over noise; limit: that of a "
         "target with ordinary scatter, a noisier target has a larger one",
         "subject reason value limit unit",
-        optional="pose run step",
+        optional="pose run step measured_there",
     ),
     parquet(
         "calibration_left_out",

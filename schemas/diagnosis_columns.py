@@ -132,7 +132,12 @@ DIAGNOSIS_COLUMNS = (
     size("chi_square", "", "sum of squared pulls, with their correlations", nullable=True),
     integer("freedom", "number of independent pulls", minimum=0),
     *(
-        size(f"largest_{when}", "unit", f"largest of measured minus predicted {when} the extension")
+        size(
+            f"largest_{when}",
+            "unit",
+            f"largest of measured minus predicted {when} the extension; empty where all values of a pose are left out",
+            nullable=True,
+        )
         for when in ("before", "after")
     ),
     text("purpose", "purpose of the measurement: the cause to confirm, or the two to separate"),

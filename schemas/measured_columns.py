@@ -21,6 +21,12 @@ MEASURED_COLUMNS = (
     text("subject", "what the row concerns; empty for the whole", nullable=True),
     text("stage", "stage that wrote the row"),
     text("reason", "reason for leaving it out; empty if it is used", nullable=True),
+    integer(
+        "measured_there",
+        "number of values measured at the pose or load step; empty for a point left out before the model was fitted",
+        minimum=1,
+        nullable=True,
+    ),
     text(
         "kept_because",
         "predicted: nonlinear terms of the loads, fitted to other load steps, predict it; shared input: several of its "

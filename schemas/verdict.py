@@ -39,6 +39,7 @@ class ReasonCode(StrEnum):
     BELOW_NOISE = "below-noise"
     UNDETERMINED_THERE = "undetermined-there"
     LACK_OF_FIT = "lack-of-fit"
+    EPOCHS_LEFT_OUT = "epochs-left-out"
     WITHIN_TOLERANCE = "within-tolerance"
     BEYOND_TOLERANCE = "beyond-tolerance"
     FITS = "fits"
@@ -101,6 +102,8 @@ _MEANING = {
     ReasonCode.UNDETERMINED_THERE: "held-out errors exceed noise, but not the uncertainty of the fit: the fitted "
     "data do not determine the model there; value: rms error over that of noise and uncertainty",
     ReasonCode.LACK_OF_FIT: "a test of the residuals fails: the final model is incomplete; value: p-value of the test",
+    ReasonCode.EPOCHS_LEFT_OUT: "the model fits, but without poses or load steps at which most values deviate: the "
+    "machine, or a recorded reading, was elsewhere there; value: their number",
     ReasonCode.WITHIN_TOLERANCE: "the pulls as a whole are consistent with tolerances; value: rms pull",
     ReasonCode.BEYOND_TOLERANCE: "the pulls as a whole exceed tolerances; value: rms pull",
     ReasonCode.FITS: "the chosen calibration passes its tests; value: misfit over noise",

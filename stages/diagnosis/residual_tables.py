@@ -23,6 +23,7 @@ from truing.stages.common.rows import Rows
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
     from truing.inference.fitter import ScreenedValue
+    from truing.inference.observations import Epochs
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import CauseDiagnosis
     from truing.simulation.effects_model import EffectsModel
@@ -74,8 +75,14 @@ def prediction_table(
             **({"rms_nominal": part(nominal[role]).rms_by_epoch} if role in nominal else {}),
             **_of_fit(diagnosis, after, role),
         }
+        is_seen = after.is_observed.any(axis=1)  # not at a pose whose values are all left out as gross errors
         rows += [
-            {"pose": pose, "role": role, "unit": "um", **{name: float(v[b]) * _UM for name, v in columns.items()}}
+            {
+                "pose": pose,
+                "role": role,
+                "unit": "um",
+                **{name: float(values[b]) * _UM if is_seen[b] else None for name, values in columns.items()},
+            }
             for b, pose in enumerate(poses[role])
         ]
     return identified_table("prediction", rows, "pose", tuple(filter(rows[-1].__contains__, _OPTIONAL_ERRORS)))
@@ -97,6 +104,7 @@ def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel])
             "value": 1e3 * point.distance,
             "limit": None,
             "unit": "mm",
+            "measured_there": None,
         }
         for point in data.isolated
     ]
@@ -108,17 +116,21 @@ def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel])
             "value": value.length,
             "limit": least_gross(diagnosis.final.measured.size),
             "unit": "sigma",
+            "measured_there": int(_epochs_of(value, data).measured.is_observed[value.row].sum()),
         }
         for value in diagnosis.screened
     ]
     where = [name for name in ("pose", "run", "step") if name in rows[0]]
-    return identified_table("diagnosis_left_out", rows, where[0], where)
+    return identified_table("diagnosis_left_out", rows, where[0], [*where, "measured_there"])
+
+
+def _epochs_of(value: ScreenedValue, data: DiagnosisData[EffectsModel]) -> Epochs:
+    return data.held_out if value.held_out and data.held_out is not None else data.calibration
 
 
 def _row_identifiers(value: ScreenedValue, data: DiagnosisData[EffectsModel]) -> dict[str, object]:
     """The pose, or the run and step, by name."""
-    poses = data.held_out if value.held_out and data.held_out is not None else data.calibration
-    conditions = poses.conditions
+    conditions = _epochs_of(value, data).conditions
     if not hasattr(conditions, "run"):
         return {"pose": conditions.poses[value.row]}
     return {"run": plain_number(conditions.run[value.row]), "step": int(conditions.step[value.row])}

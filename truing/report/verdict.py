@@ -83,7 +83,7 @@ def leading(verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
             if verdict.reason_code in _TO_ACT_ON
         ),
         *_verdicts_in_state(verdicts, RelationState.OK, _OF_MACHINE),
-        *_verdicts_in_state(verdicts, RelationState.ATTENTION, ("deformation",)),
+        *_verdicts_in_state(verdicts, RelationState.ATTENTION, ("deformation", "adequacy")),
         *_verdicts_in_state(verdicts, RelationState.NOT_TESTED, _OF_MACHINE),
         *_verdicts_in_state(verdicts, RelationState.OK, _LEADS),
         *_verdicts_in_state(verdicts, RelationState.NOT_TESTED, _LEADS),
@@ -101,6 +101,8 @@ def _attention_order(verdicts: Mapping[str, SectionVerdict]) -> tuple[str, ...]:
     """Return the order of sections that need attention; the diagnosis comes first if noise is declared wrong. Tables
     that hardly match come before a model that is incomplete because of it."""
     codes = {name: verdict.reason_code for name, verdict in verdicts.items()}
+    if codes.get("adequacy") == ReasonCode.EPOCHS_LEFT_OUT and codes.get("diagnosis") == ReasonCode.FOUND:
+        return tuple(name for name in _LEADS if name != "adequacy")  # what was found comes first
     incomplete = "adequacy" in verdicts and verdicts["adequacy"].state != RelationState.OK
     if codes.get("belonging") == ReasonCode.DEPARTS and incomplete:
         return ("belonging", *_LEADS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.assessed_causes import (
@@ -13,6 +14,7 @@ from truing.report.diagnosis.assessed_causes import (
     modelled_of,
     testable_of,
 )
+from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words
 from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
 from truing.report.heads import CORRECTED_P, Head
@@ -120,6 +122,18 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     rows = assessed_causes(tables)
     if not rows:
         return None
+    verdict, deviating = _verdict_on_fit(rows, tables), deviating_epochs(tables)
+    if not deviating:
+        return verdict
+    verdict = replace(verdict, explanation=f"{verdict.explanation} {deviating_words(deviating)}")
+    if verdict.state != RelationState.OK:
+        return verdict
+    code, number = ReasonCode.EPOCHS_LEFT_OUT, float(len(deviating))
+    return replace(verdict, state=RelationState.ATTENTION, reason_code=code, value=number, unit="1", limit=0.0)
+
+
+def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict:
+    """Return the verdict on the final model by the values that it was fitted to."""
     accepted_rows = [row for row in accepted_of(rows) if not row.is_noise]
     missed = _errors_with_floor(rows, tables)
     beyond, below = (

@@ -1,0 +1,68 @@
+"""A pose at which all measured values deviate is no gross error of one measurement: the verdict names it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from tests.stages.line import run_line
+from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words
+from truing.report.verdict import verdict_frame
+from truing.schemas.verdict import ReasonCode
+
+SAMPLE = Path(__file__).parents[2] / "sample_data" / "robot"
+POSE = 17
+SHIFT_MM = 0.4  # of all targets of one pose
+
+
+@pytest.mark.slow
+def test_a_pose_whose_targets_all_deviate_is_named_in_the_verdict_and_has_no_error(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(SAMPLE, tmp_path / "robot"))
+    points = pd.read_csv(folder / "points.csv")
+    of_pose = points["pose"] == POSE
+    points.loc[of_pose, "x_mm"] += SHIFT_MM
+    points.to_csv(folder / "points.csv", index=False)
+    made, _ = run_line(folder, "ingest", "qa", "pose", "diagnose")
+    tables = {name: table.to_pandas() for name, table in made.items() if isinstance(table, pa.Table)}
+    (deviating,) = deviating_epochs(tables)
+    assert (deviating.name, deviating.left_out, deviating.measured) == (f"pose {POSE}", of_pose.sum(), of_pose.sum())
+    verdicts = verdict_frame(tables).set_index("section")
+    assert verdicts.loc["adequacy", "reason_code"] == ReasonCode.EPOCHS_LEFT_OUT
+    assert verdicts.loc["adequacy", "state"] == "attention"
+    assert verdicts.loc["campaign", "decided_by"] == "diagnosis"  # what was found comes first
+    errors = tables["prediction"].set_index("pose")
+    assert errors.loc[POSE, ["rms_before", "rms_after", "largest_before", "largest_after"]].isna().all()
+    assert errors.drop(POSE)["rms_after"].notna().all()
+
+
+def _left_out(*rows: tuple[int, str, float, int | None]) -> dict[str, pd.DataFrame]:
+    columns = ["pose", "subject", "value", "measured_there"]
+    return {"diagnosis_left_out": pd.DataFrame(rows, columns=columns).assign(unit="sigma", limit=5.0, reason="why")}
+
+
+def test_single_values_of_many_are_no_deviating_pose() -> None:
+    assert not deviating_epochs(_left_out((3, "tip T1", 9.0, 4), (5, "tip T2", 8.0, 4)))
+    assert not deviating_epochs(_left_out((3, "tip T1", 9.0, None)))
+    assert not deviating_epochs({})
+
+
+def test_half_of_the_values_are_enough_and_the_largest_deviation_comes_first() -> None:
+    found = deviating_epochs(_left_out((3, "T1", 9.0, 4), (3, "T2", 8.0, 4), (5, "T1", 20.0, 2), (5, "T2", 6.0, 2)))
+    assert [(epoch.name, epoch.left_out, epoch.largest) for epoch in found] == [("pose 5", 2, 20.0), ("pose 3", 2, 9.0)]
+
+
+def test_one_value_cannot_tell_the_machine_from_the_measurement() -> None:
+    assert "machine or a recorded reading was elsewhere" in deviating_words(
+        deviating_epochs(_left_out((3, "T1", 9.0, 2), (3, "T2", 8.0, 2)))
+    )
+    assert "cannot tell" in deviating_words(deviating_epochs(_left_out((3, "T1", 9.0, 1))))
+
+
+def test_load_steps_are_named_by_run() -> None:
+    steps = _left_out((3, "dx", 9.0, 2), (3, "dy", 8.0, 2))["diagnosis_left_out"]
+    steps = steps.drop(columns="pose").assign(run=2, step=7)
+    assert [epoch.name for epoch in deviating_epochs({"diagnosis_left_out": steps})] == ["load step 7 of run 2"]

@@ -1,0 +1,60 @@
+"""Poses and load steps at which most measured values were left out: the machine may have been elsewhere there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from truing.report.numbers import count_text, listed, rough
+from truing.report.tables import Tables, table_or_none
+
+_MOST = 0.5  # least share of the values of a pose or load step that deviate together
+_LISTED = 3  # names in a sentence at most
+
+
+@dataclass(frozen=True)
+class DeviatingEpoch:
+    """A pose or load step, the number of values left out and measured there, and the largest deviation in sigma."""
+
+    name: str
+    left_out: int
+    measured: int
+    largest: float
+
+
+def deviating_epochs(tables: Tables) -> list[DeviatingEpoch]:
+    """Return the poses or load steps at which the diagnosis left out at least half of the measured values, the largest
+    deviation first."""
+    table = table_or_none(tables, "diagnosis_left_out")
+    if table is None or "measured_there" not in table:
+        return []
+    known = table[table["measured_there"].notna()]
+    keys = ["pose"] if "pose" in known else ["run", "step"]
+    epochs = [
+        DeviatingEpoch(_name(rows.iloc[0]), len(rows), int(rows["measured_there"].iloc[0]), float(rows["value"].max()))
+        for _, rows in known.groupby(keys, sort=False)
+    ]
+    deviating = [epoch for epoch in epochs if epoch.left_out >= _MOST * epoch.measured]
+    return sorted(deviating, key=lambda epoch: -epoch.largest)
+
+
+def deviating_words(epochs: list[DeviatingEpoch]) -> str:
+    """Return the sentences on deviating poses or load steps, and what to do; empty where there are none."""
+    if not epochs:
+        return ""
+    worst, size = epochs[0], f"up to {rough(epochs[0].largest)} standard deviations"
+    names = listed([epoch.name for epoch in epochs], _LISTED)
+    if worst.measured == 1:
+        why = (
+            "One value cannot tell whether the measurement, a recorded reading or the machine is wrong. Measure again."
+        )
+        return f"Left out: {names}, whose measured value deviates by {size}. {why}"
+    values = f"{worst.left_out} of {count_text(worst.measured, 'value')}"
+    where = f"where {values} deviate" if len(epochs) == 1 else f"where most values deviate ({worst.name}: {values})"
+    why = "The machine or a recorded reading was elsewhere there: measure again, or find out what happened."
+    return f"Left out: {names}, {where}, by {size}. {why}"
+
+
+def _name(row: pd.Series) -> str:
+    return f"pose {row['pose']}" if "pose" in row else f"load step {row['step']} of run {row['run']}"
