@@ -63,7 +63,7 @@ DIAGNOSIS = (
         "as its description has it, base and tool fitted; sigma_of_fit: at held-out poses, by the uncertainty of the "
         "fit alone",
         "pose* role rms_before rms_after largest_before largest_after unit",
-        optional="rms_nominal sigma_of_fit",
+        optional="rms_nominal sigma_of_fit p_deviates",
     ),
     parquet(
         "component_errors",

@@ -75,6 +75,12 @@ DIAGNOSIS_COLUMNS = (
         "that of the row count here, too",
         nullable=True,
     ),
+    share(
+        "p_deviates",
+        "p-value of the residuals of the pose without the largest of them, at the noise found, corrected for the "
+        "number of poses; empty for held-out poses, and with fewer than two values",
+        nullable=True,
+    ),
     size("rms_nominal", "unit", "rms of measured minus predicted by the nominal geometry of a chain", nullable=True),
     size("sigma_of_fit", "unit", "rms error of a prediction by the uncertainty of the fit alone", nullable=True),
     text("determined", "linear combination of the parameters of a cause, with its largest coefficients"),

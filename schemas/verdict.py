@@ -40,6 +40,7 @@ class ReasonCode(StrEnum):
     UNDETERMINED_THERE = "undetermined-there"
     LACK_OF_FIT = "lack-of-fit"
     EPOCHS_LEFT_OUT = "epochs-left-out"
+    EPOCHS_DEVIATE = "epochs-deviate"
     WITHIN_TOLERANCE = "within-tolerance"
     BEYOND_TOLERANCE = "beyond-tolerance"
     FITS = "fits"
@@ -87,6 +88,8 @@ class ReasonCode(StrEnum):
 OF_MODEL = ("adequacy", "pulls", "calibration")
 # Codes of an incomplete model: effects that it leaves out bias its parameters.
 INCOMPLETE = (ReasonCode.BEYOND_NOISE, ReasonCode.LACK_OF_FIT)
+# Codes of a model that fits but for single poses or load steps.
+OF_SINGLE_EPOCHS = (ReasonCode.EPOCHS_LEFT_OUT, ReasonCode.EPOCHS_DEVIATE)
 
 _RESULTS = {ReasonCode.FOUND: "found", ReasonCode.DEFORMS: "found", ReasonCode.MEASURED: "measured"}
 _MEANING = {
@@ -103,7 +106,9 @@ _MEANING = {
     "data do not determine the model there; value: rms error over that of noise and uncertainty",
     ReasonCode.LACK_OF_FIT: "a test of the residuals fails: the final model is incomplete; value: p-value of the test",
     ReasonCode.EPOCHS_LEFT_OUT: "the model fits, but without poses or load steps at which most values deviate: the "
-    "machine, or a recorded reading, was elsewhere there; value: their number",
+    "machine, or a recorded reading, was elsewhere there; value: rms error over noise floor",
+    ReasonCode.EPOCHS_DEVIATE: "the model fits as a whole, but single poses deviate beyond chance; value: rms error "
+    "over noise floor",
     ReasonCode.WITHIN_TOLERANCE: "the pulls as a whole are consistent with tolerances; value: rms pull",
     ReasonCode.BEYOND_TOLERANCE: "the pulls as a whole exceed tolerances; value: rms pull",
     ReasonCode.FITS: "the chosen calibration passes its tests; value: misfit over noise",

@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.arrays import Array, TableRow
+from truing.inference.deviating_epochs import p_values
 from truing.inference.prediction import fit_squares
 from truing.inference.pulls import Pulls, pulls
 from truing.inference.screening import least_gross
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 _ISOLATED = "gross error: far from where the target is in the poses before and after it"
 _GROSS = "gross error: its residual is far outside those of its target"
 _UM = 1e6
-_OPTIONAL_ERRORS = ("rms_nominal", "sigma_of_fit")
+_OPTIONAL_ERRORS = ("rms_nominal", "sigma_of_fit", "p_deviates")
 
 PullName = tuple[int | None, str]  # the leg, None for all, and the parameter
 
@@ -75,6 +76,7 @@ def prediction_table(
             **({"rms_nominal": part(nominal[role]).rms_by_epoch} if role in nominal else {}),
             **_of_fit(diagnosis, after, role),
         }
+        p_deviates = p_values(diagnosis.final) if role != HELD_OUT else np.full(len(poses[role]), np.nan)
         is_seen = after.is_observed.any(axis=1)  # not at a pose whose values are all left out as gross errors
         rows += [
             {
@@ -82,6 +84,7 @@ def prediction_table(
                 "role": role,
                 "unit": "um",
                 **{name: float(values[b]) * _UM if is_seen[b] else None for name, values in columns.items()},
+                "p_deviates": None if np.isnan(p_deviates[b]) else float(p_deviates[b]),
             }
             for b, pose in enumerate(poses[role])
         ]

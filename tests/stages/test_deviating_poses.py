@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from tests.stages.line import run_line
-from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words
+from truing.report.diagnosis.deviating_epochs import RARE, deviating_epochs, deviating_words
 from truing.report.verdict import verdict_frame
 from truing.schemas.verdict import ReasonCode
 
@@ -19,17 +19,22 @@ POSE = 17
 SHIFT_MM = 0.4  # of all targets of one pose
 
 
-@pytest.mark.slow
-def test_a_pose_whose_targets_all_deviate_is_named_in_the_verdict_and_has_no_error(tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(SAMPLE, tmp_path / "robot"))
+def _diagnosed(folder: Path, shift_mm: float) -> dict[str, pd.DataFrame]:
+    """Return the tables of the sample robot's diagnosis, all targets of one pose shifted."""
+    shutil.copytree(SAMPLE, folder)
     points = pd.read_csv(folder / "points.csv")
-    of_pose = points["pose"] == POSE
-    points.loc[of_pose, "x_mm"] += SHIFT_MM
+    points.loc[points["pose"] == POSE, "x_mm"] += shift_mm
     points.to_csv(folder / "points.csv", index=False)
     made, _ = run_line(folder, "ingest", "qa", "pose", "diagnose")
-    tables = {name: table.to_pandas() for name, table in made.items() if isinstance(table, pa.Table)}
+    return {name: table.to_pandas() for name, table in made.items() if isinstance(table, pa.Table)}
+
+
+@pytest.mark.slow
+def test_a_pose_whose_targets_all_deviate_is_named_in_the_verdict_and_has_no_error(tmp_path: Path) -> None:
+    tables = _diagnosed(tmp_path / "robot", 0.4)
     (deviating,) = deviating_epochs(tables)
-    assert (deviating.name, deviating.left_out, deviating.measured) == (f"pose {POSE}", of_pose.sum(), of_pose.sum())
+    targets = int((tables["observations"]["pose"] == POSE).sum())
+    assert (deviating.name, deviating.left_out, deviating.measured) == (f"pose {POSE}", targets, targets)
     verdicts = verdict_frame(tables).set_index("section")
     assert verdicts.loc["adequacy", "reason_code"] == ReasonCode.EPOCHS_LEFT_OUT
     assert verdicts.loc["adequacy", "state"] == "attention"
@@ -37,6 +42,22 @@ def test_a_pose_whose_targets_all_deviate_is_named_in_the_verdict_and_has_no_err
     errors = tables["prediction"].set_index("pose")
     assert errors.loc[POSE, ["rms_before", "rms_after", "largest_before", "largest_after"]].isna().all()
     assert errors.drop(POSE)["rms_after"].notna().all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sigmas", "named", "code"),
+    [(0.0, [], ReasonCode.WITHIN_NOISE), (5.0, [POSE], ReasonCode.EPOCHS_DEVIATE)],
+)
+def test_a_pose_that_deviates_by_less_than_gross_errors_is_named_too(
+    sigmas: float, named: list[int], code: ReasonCode, tmp_path: Path
+) -> None:
+    """Each single value may be noise; all together are not."""
+    tables = _diagnosed(tmp_path / "robot", sigmas * 0.01)
+    errors = tables["prediction"]
+    assert errors.loc[errors["p_deviates"] < RARE, "pose"].tolist() == named
+    assert verdict_frame(tables).set_index("section").loc["adequacy", "reason_code"] == code
+    assert not deviating_epochs(tables)
 
 
 def _left_out(*rows: tuple[int, str, float, int | None]) -> dict[str, pd.DataFrame]:

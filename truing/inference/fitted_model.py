@@ -143,3 +143,11 @@ class FittedModel(Generic[CauseT]):
 def epoch_height(measured: Observations) -> int:
     """Return the number of rows of an epoch's observations."""
     return int(measured.is_observed.shape[1]) * measured.size
+
+
+def observation_residuals(fit: Fit, measured: Observations) -> Array:
+    """Return the whitened residuals (B, K, d) of the observations of a fit."""
+    epochs, height_observed = len(measured.is_observed), epoch_height(measured)
+    height = height_observed + fit.whitened.problem.local_value.shape[1]
+    rows = fit.whitened.rest[: epochs * height].reshape(epochs, height)[:, :height_observed]
+    return rows.reshape(*measured.is_observed.shape, -1)

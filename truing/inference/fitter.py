@@ -11,7 +11,7 @@ import numpy as np
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.blocks import EpochBlocks, possible_blocks
 from truing.inference.fit import Fit, fit_model, shared_without
-from truing.inference.fitted_model import FittedModel, epoch_height
+from truing.inference.fitted_model import FittedModel, epoch_height, observation_residuals
 from truing.inference.model import CampaignModel, CauseT, ConditionsLike, ConditionsT, Model, ScatterCandidate
 from truing.inference.noise import (
     NoiseDependence,
@@ -177,7 +177,7 @@ class Fitter(Generic[CauseT]):
         """Exclude gross errors of a fit, on held-out epochs too; return True if there were any."""
         is_observed, residuals = (
             self.calibration.measured.is_observed,
-            _observation_residuals(fitted.fit, self.calibration.measured),
+            observation_residuals(fitted.fit, self.calibration.measured),
         )
         axes = self.calibration.measured.whitener @ fitted.fit.frames.R[:, None]
         axes = axes @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
@@ -273,7 +273,7 @@ class Fitter(Generic[CauseT]):
         if not near.any():
             return near
         enlarged = measured.with_observed(measured.is_observed | near)
-        residuals = _observation_residuals(
+        residuals = observation_residuals(
             fit_model(fitted.model.predict, enlarged, fit.frames, fit.shared, fit.local), enlarged
         )
         return near & ~gross_errors(residuals, enlarged.is_observed, zero_groups=fitted.model.zero_groups)
@@ -479,14 +479,6 @@ def _scatters(fitted: FittedModel[CauseT], kinds: Sequence[CauseT]) -> list[Scat
 
 def _lengths(residuals: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(residuals**2, -1)))
-
-
-def _observation_residuals(fit: Fit, measured: Observations) -> Array:
-    """Return the whitened residuals (B, K, d) of the observations of a fit."""
-    epochs, height_observed = len(measured.is_observed), epoch_height(measured)
-    height = height_observed + fit.whitened.problem.local_value.shape[1]
-    rows = fit.whitened.rest[: epochs * height].reshape(epochs, height)[:, :height_observed]
-    return rows.reshape(*measured.is_observed.shape, -1)
 
 
 def _screened(wrong: Mask, rest: Array, *, held_out: bool) -> list[ScreenedValue]:

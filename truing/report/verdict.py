@@ -14,7 +14,7 @@ import pandas as pd
 from truing.belonging.relation import RelationState
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, untested_sections
-from truing.schemas.verdict import CAMPAIGN, GATES, SECTIONS, ReasonCode
+from truing.schemas.verdict import CAMPAIGN, GATES, OF_SINGLE_EPOCHS, SECTIONS, ReasonCode
 
 # Functions that assess each section, from the run's tables and from the verdicts before it.
 _Assess = Callable[[Tables, Mapping[str, SectionVerdict]], SectionVerdict | None]
@@ -101,7 +101,7 @@ def _attention_order(verdicts: Mapping[str, SectionVerdict]) -> tuple[str, ...]:
     """Return the order of sections that need attention; the diagnosis comes first if noise is declared wrong. Tables
     that hardly match come before a model that is incomplete because of it."""
     codes = {name: verdict.reason_code for name, verdict in verdicts.items()}
-    if codes.get("adequacy") == ReasonCode.EPOCHS_LEFT_OUT and codes.get("diagnosis") == ReasonCode.FOUND:
+    if codes.get("adequacy") in OF_SINGLE_EPOCHS and codes.get("diagnosis") == ReasonCode.FOUND:
         return tuple(name for name in _LEADS if name != "adequacy")  # what was found comes first
     incomplete = "adequacy" in verdicts and verdicts["adequacy"].state != RelationState.OK
     if codes.get("belonging") == ReasonCode.DEPARTS and incomplete:

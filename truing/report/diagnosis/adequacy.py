@@ -14,7 +14,7 @@ from truing.report.diagnosis.assessed_causes import (
     modelled_of,
     testable_of,
 )
-from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words
+from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words, used_words
 from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
 from truing.report.heads import CORRECTED_P, Head
@@ -122,14 +122,16 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     rows = assessed_causes(tables)
     if not rows:
         return None
-    verdict, deviating = _verdict_on_fit(rows, tables), deviating_epochs(tables)
-    if not deviating:
+    verdict = _verdict_on_fit(rows, tables)
+    left_out = deviating_words(deviating_epochs(tables))
+    used = used_words(tables) if verdict.state == RelationState.OK else ""  # an incomplete model misses many poses
+    if not left_out and not used:
         return verdict
-    verdict = replace(verdict, explanation=f"{verdict.explanation} {deviating_words(deviating)}")
+    verdict = replace(verdict, explanation=" ".join(filter(None, (verdict.explanation, left_out, used))))
     if verdict.state != RelationState.OK:
         return verdict
-    code, number = ReasonCode.EPOCHS_LEFT_OUT, float(len(deviating))
-    return replace(verdict, state=RelationState.ATTENTION, reason_code=code, value=number, unit="1", limit=0.0)
+    code = ReasonCode.EPOCHS_LEFT_OUT if left_out else ReasonCode.EPOCHS_DEVIATE
+    return replace(verdict, state=RelationState.ATTENTION, reason_code=code)
 
 
 def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict:

@@ -1,4 +1,4 @@
-"""Poses and load steps at which most measured values were left out: the machine may have been elsewhere there."""
+"""Poses and load steps at which the machine may have been elsewhere: most values deviate, used or left out."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from truing.report.numbers import count_text, listed, rough
+from truing.report.numbers import count_text, listed, p_equals, rough, rough_quantity
 from truing.report.tables import Tables, table_or_none
 
 _MOST = 0.5  # least share of the values of a pose or load step that deviate together
 _LISTED = 3  # names in a sentence at most
+RARE = 0.01  # p-value, corrected for the number of poses, below which the values of a pose deviate together
+_ELSEWHERE = "The machine or a recorded reading was elsewhere there: measure again, or find out what happened."
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,23 @@ def deviating_words(epochs: list[DeviatingEpoch]) -> str:
         return f"Left out: {names}, whose measured value deviates by {size}. {why}"
     values = f"{worst.left_out} of {count_text(worst.measured, 'value')}"
     where = f"where {values} deviate" if len(epochs) == 1 else f"where most values deviate ({worst.name}: {values})"
-    why = "The machine or a recorded reading was elsewhere there: measure again, or find out what happened."
-    return f"Left out: {names}, {where}, by {size}. {why}"
+    return f"Left out: {names}, {where}, by {size}. {_ELSEWHERE}"
+
+
+def used_words(tables: Tables) -> str:
+    """Return the sentences on poses whose values deviate together though none was left out; empty without any."""
+    table = table_or_none(tables, "prediction")
+    if table is None or "p_deviates" not in table:
+        return ""
+    rows = table[table["p_deviates"] < RARE].sort_values("p_deviates")
+    if rows.empty:
+        return ""
+    worst = rows.iloc[0]
+    size = f"rms {rough_quantity(worst['rms_after'], str(worst['unit']))}, p {p_equals(worst['p_deviates'])}"
+    if len(rows) == 1:
+        return f"Pose {worst['pose']} deviates as a whole ({size}). {_ELSEWHERE}"
+    names = listed([str(pose) for pose in rows["pose"]], _LISTED)
+    return f"Poses {names} deviate as a whole (pose {worst['pose']}: {size}). {_ELSEWHERE}"
 
 
 def _name(row: pd.Series) -> str:
