@@ -77,7 +77,7 @@ def prediction_table(
             **_of_fit(diagnosis, after, role),
         }
         p_deviates = p_values(diagnosis.final) if role != HELD_OUT else np.full(len(poses[role]), np.nan)
-        is_seen = after.is_observed.any(axis=1)  # not at a pose whose values are all left out as gross errors
+        is_seen = np.any(after.is_observed, axis=1)  # not at a pose whose values are all left out as gross errors
         rows += [
             {
                 "pose": pose,
