@@ -75,8 +75,10 @@ def _shown(table: pd.DataFrame, numbers: pd.DataFrame) -> list[pd.DataFrame]:
 
 
 def _together(group: pd.DataFrame) -> str:
-    """Return the members with their changes, scaled to a largest angle of 1 mrad, or a largest length of 1 mm, of the
-    numbers of links; other numbers, if they are many, without their changes."""
+    """Return the members with their changes; many places of the base or of targets are named without changes.
+
+    Changes are scaled: the largest angle of the links' numbers is 1 mrad or, without angles, their largest length 1 mm.
+    """
     own = group[group["number_kind"].isin(_OWN)]
     angles, sizes = own["unit"] == "rad", own["number_change"].abs()
     scale = (1e-3 / sizes[angles].max()) if angles.any() else 1.0 / sizes.max()
