@@ -7,9 +7,9 @@ the edge is. A pixel at x has the grey value
 
 d is the distance of x from the ellipse |A (x - centre)| = 1 (outside positive), and k is the curvature there: blur
 shifts an edge towards its concave side. s is the standard deviation of the blur (optics, and the pixel's own area with
-1/12 px^2). T is the light of the code's ring, if its word is known (both: `edge_picture`). Each pixel counts once with its
-own noise, so the inverse normal equations are the covariance. At the top of the range the image is clipped; such pixels
-carry no information.
+1/12 px^2). T is the light of the code's ring, if its word is known (both: `edge_picture`). Each pixel counts once with
+its own noise, so the inverse normal equations are the covariance. At the top of the range the image is clipped; such
+pixels carry no information.
 
 Written here because image processing libraries give centres without a covariance. Importing this module imports numba.
 """
