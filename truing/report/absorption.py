@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from truing.report.calibration.calibrations import Key
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, label, panel_grid, style
-from truing.report.numbers import count_text, plain, with_uncertainty
+from truing.report.numbers import count_text, plain, printed, with_uncertainty
 from truing.report.parameter_names import kind_of, name_of, print_unit
 from truing.report.tables import Row, Tables, table_or_none
 
@@ -113,7 +113,7 @@ def _bias(r: Row) -> str:
     if r.observed == r.observed:
         beside.append(f"the fit gave {with_uncertainty(factor * r.observed, factor * r.sigma, unit)}")
     bias_text = f"{name_of(r.parameter, r.leg)} by about {plain(factor * r.predicted)} {unit}".strip()
-    return f"{bias_text} ({'; '.join(beside)})" if beside else bias_text
+    return printed(f"{bias_text} ({'; '.join(beside)})" if beside else bias_text)
 
 
 def agreement(absorbed: pd.DataFrame) -> str:

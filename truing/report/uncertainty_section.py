@@ -83,13 +83,14 @@ def statement(stated: pd.DataFrame) -> str:
     factors = sorted({f"{k:.2f}" for k in rows["coverage_factor"].dropna()})
     text = "The reported expanded uncertainty is stated as the standard uncertainty multiplied by the coverage factor k"
     if len(factors) == 1 and (dof.isna() | (dof > _MANY)).all():
-        law = f"= {factors[0]}, which for a normal distribution"
+        factor, law = f"= {factors[0]}", "a normal distribution"
     elif len(rows) == 1:
-        law = f"= {factors[0]}, which for a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
+        factor, law = f"= {factors[0]}", f"a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
     else:
-        law = "next to it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
+        factor, law = "next to it", "a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
     drawn = f" {_DRAWN}" if (rows["result"] == "positioning").any() else ""
-    return f"{text} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
+    covers = f"For {law}, it corresponds to a coverage probability of approximately 95 %."
+    return f"{text} {factor}. {covers}{drawn}"
 
 
 def _reasons_for_none(stated: pd.DataFrame) -> str:

@@ -276,7 +276,8 @@ def certainty(row: AssessedCause) -> str:
         reported.append(f"noise alone would show an effect as clear as this in {_share(row.p_value)} campaigns")
     if row.signal_to_noise is not None:
         reported.append(f"signal-to-noise ratio {rough(row.signal_to_noise)}")
-    if row.probability is not None and not row.is_noise:
+    # Odds against its rival say how probable a rival is; its probability is from an earlier round of the search.
+    if row.probability is not None and not row.is_noise and row.verdict != RIVAL:
         reported.append(f"probability among the candidates {_probability(row.probability)}")
     ranking = {HOLDS: "is unchanged", CHANGES: "changes"}.get(row.holds)
     unsure = [f"The ranking {ranking} if assumed effect sizes are tripled"] if ranking else []
