@@ -113,7 +113,8 @@ class _Surroundings:
     is_of_joints: bool
 
     def joints_of(self, columns: int) -> tuple[str, ...]:
-        """Return the names of the joints in this many columns without names: numbers if only the file's name tells."""
+        """Return the names of the joints in this many columns without names; numbers if only the file's name says that
+        it holds joint readings."""
         numbered = tuple(f"joint{number}" for number in range(1, columns + 1)) if self.is_of_joints else ()
         return self.joints or numbered
 
@@ -301,7 +302,7 @@ def _repeats_targets(cells: NamedCells, keys: MappingKeys) -> bool:
 def _pose_column(cells: NamedCells, keys: MappingKeys) -> str | None:
     """Return the free column whose every value has each target at most once, as a pose has; None without a single one.
 
-    A column with another value in nearly every row, such as a time, tells no poses.
+    A column with another value in nearly every row, such as a time, does not identify poses.
     """
     names, columns = cells.names, keys.get("columns", {})
     if "pose" in names or "pose" in columns or "target" not in {*names, *columns}:

@@ -111,7 +111,7 @@ def at_reference_temperature(
     return Corrected(value, np.abs(value) * _expansion_sigma(rise, expansion_per_k, expansion_sigma, temperature_sigma))
 
 
-def less_growth(
+def without_frame_growth(
     displacement: ArrayLike,
     frame_length: float,
     expansion_per_k: float,
