@@ -114,9 +114,9 @@ def _other_weight(claim: Claim) -> str:
     links = "masses of the links"
     part, other = (links, "payload") if claim.fact("part") == "links" else ("payload", links)
     size, units = claim.size("factor"), str(claim.fact("units") or "").split()
-    is_known = size is not None and size.number is not None
-    much = f"{size_in_words(size)} times the declared {'ones' if part == links else 'one'}" if is_known else "another"
-    much = "others" if part == links and not is_known else much
+    one, other_one = ("ones", "others") if part == links else ("one", "another")
+    unknown = size is None or size.number is None
+    much = other_one if unknown else f"{size_in_words(size)} times the declared {one}"
     asked = f" (did you mean {part} in {' or '.join(units)}?)" if units else ""
     return f"{_owner(claim)} deflects as if the {part} were {much}, with the {other} as declared{asked}"
 
