@@ -156,9 +156,9 @@ def _guess_by_notation(
 
 def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], notation: Notation) -> Guess:
     """Return a proposal that reads its column of times, in seconds or by a format; without it where none reads it."""
-    beside = tuple(_with_times(following, names, data, notation) for following in guess.beside)
+    other_tables = tuple(_with_times(following, names, data, notation) for following in guess.other_tables)
     ways = tuple(replace(way, guess=_with_times(way.guess, names, data, notation)) for way in guess.ways)
-    guess = replace(guess, beside=beside, ways=ways)
+    guess = replace(guess, other_tables=other_tables, ways=ways)
     columns = dict(guess.mapping.get("columns", {}))
     raw = columns.get("time_s")
     if raw not in names or "time_format" in guess.mapping:
@@ -187,7 +187,9 @@ def _with_parts_of_points(guess: Guess, records: list[list[str]]) -> Guess:
 def _with_unit_in_words(guess: Guess, unit: str | None) -> Guess:
     """Return a proposal with the unit that words of the file state, if no name states one."""
     guess = (
-        replace(guess, beside=tuple(_with_unit_in_words(one, unit) for one in guess.beside)) if guess.beside else guess
+        replace(guess, other_tables=tuple(_with_unit_in_words(one, unit) for one in guess.other_tables))
+        if guess.other_tables
+        else guess
     )
     if unit is None or guess.table not in _OF_COORDINATES or "unit" in guess.mapping:
         return guess

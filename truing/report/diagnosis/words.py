@@ -123,11 +123,11 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
         names = "; ".join(map(lower, _clauses(doubted, tables)))
         texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
     # Larger noise, and inputs that predict residuals, are no further effects.
-    beside = [row for row in noise if row.verdict != SUSPECTED and not row.is_conditional]
+    other_noise = [row for row in noise if row.verdict != SUSPECTED and not row.is_conditional]
     in_place = [row for row in noise if row.is_conditional]
-    if beside:
-        names = "; ".join(lower(clause(row, tables)) for row in _named(beside))
-        texts.append(f"{'Also, ' if texts else ''}{names}{_more_findings(beside)}")
+    if other_noise:
+        names = "; ".join(lower(clause(row, tables)) for row in _named(other_noise))
+        texts.append(f"{'Also, ' if texts else ''}{names}{_more_findings(other_noise)}")
     texts += [clause(row, tables) for row in in_place[:1]]
     texts += _rivals(causes, assessed_causes(tables), tables)
     modelling = f"Modelling {_modelled_words(_distinct(effects))}"
