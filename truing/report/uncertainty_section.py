@@ -83,14 +83,13 @@ def statement(stated: pd.DataFrame) -> str:
     factors = sorted({f"{k:.2f}" for k in rows["coverage_factor"].dropna()})
     text = "The reported expanded uncertainty is stated as the standard uncertainty multiplied by the coverage factor k"
     if len(factors) == 1 and (dof.isna() | (dof > _MANY)).all():
-        factor, law = f"= {factors[0]}", "a normal distribution"
+        law = f"= {factors[0]}, which for a normal distribution"
     elif len(rows) == 1:
-        factor, law = f"= {factors[0]}", f"a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
+        law = f"= {factors[0]}, which for a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
     else:
-        factor, law = "next to it", "a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
+        law = "next to it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
     drawn = f" {_DRAWN}" if (rows["result"] == "positioning").any() else ""
-    covers = f"For {law}, it corresponds to a coverage probability of approximately 95 %."
-    return f"{text} {factor}. {covers}{drawn}"
+    return f"{text} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
 
 
 def _reasons_for_none(stated: pd.DataFrame) -> str:
