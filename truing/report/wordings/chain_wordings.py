@@ -115,8 +115,9 @@ def _other_weight(claim: Claim) -> str:
     part, other = (links, "payload") if claim.fact("part") == "links" else ("payload", links)
     size, units = claim.size("factor"), str(claim.fact("units") or "").split()
     one, other_one = ("ones", "others") if part == links else ("one", "another")
-    unknown = size is None or size.number is None
-    much = other_one if unknown else f"{size_in_words(size)} times the declared {one}"
+    much = other_one
+    if size is not None and size.number is not None:
+        much = f"{size_in_words(size)} times the declared {one}"
     asked = f" (did you mean {part} in {' or '.join(units)}?)" if units else ""
     return f"{_owner(claim)} deflects as if the {part} were {much}, with the {other} as declared{asked}"
 
