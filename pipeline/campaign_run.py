@@ -14,7 +14,7 @@ from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relati
 from truing.pipeline.durations import FILE as DURATIONS
 from truing.pipeline.durations import Durations, forget_largest_memory, largest_memory
 from truing.pipeline.freshness import Evidence, Freshness, StageStatus
-from truing.pipeline.manifest import DigestCache, Entry, MadeFrom, Manifest, digest_of, read_manifest
+from truing.pipeline.manifest import DigestCache, Entry, Manifest, StageInputs, digest_of, read_manifest
 from truing.pipeline.problems import EnvironmentProblem
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.source_digest import SourceTree
@@ -23,11 +23,11 @@ from truing.pipeline.stage_order import (
     OF_SECOND_CAMPAIGNS,
     PAGE,
     RAW_READERS,
-    bare,
     is_optional,
     makers,
     order_of,
     stage_module,
+    without_mark,
 )
 from truing.schemas.artifact import DamagedTable
 from truing.schemas.artifacts import ARTIFACTS
@@ -52,7 +52,7 @@ Result = TypeVar("Result")
 
 @dataclass
 class CampaignRun:
-    """Reads the run folder when created; writes to it only in ``execute`` and ``save``, which need its lock."""
+    """A campaign's run folder, read when created; only ``execute`` and ``save`` write to it, and need its lock."""
 
     campaign: CampaignFolder
     folder: Path
@@ -60,7 +60,7 @@ class CampaignRun:
     manifest: Manifest
     scratch: Path | None = None  # for temporary files of raw-file readers; absent: the system's folder
     workers: int = 1  # processes for the independent pieces of one stage
-    _found: dict[str, tuple[Path, ...]] = field(default_factory=dict)
+    _raw_file_lists: dict[str, tuple[Path, ...]] = field(default_factory=dict)
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -71,7 +71,7 @@ class CampaignRun:
     @cached_property
     def order(self) -> tuple[Stage, ...]:
         """Declarations of this campaign's stages, in order."""
-        names = _names_of(self.campaign)
+        names = _stage_names(self.campaign)
         order = tuple(self._declaration(name) for name in names)
         makers(order)
         return order
@@ -93,7 +93,7 @@ class CampaignRun:
         sizes = (path.stat().st_size for path in raw if path.is_file())
         return Durations(self.folder / PRIVATE / DURATIONS, sum(sizes), self.workers)
 
-    def made_from(self, stage: Stage) -> MadeFrom:
+    def made_from(self, stage: Stage) -> StageInputs:
         """Current inputs of a stage."""
         raw = self._raw_files(stage.name)
         if gone := [path for path in raw if self._digest_of_raw(path) is None]:
@@ -103,21 +103,21 @@ class CampaignRun:
 
     def _raw_files(self, stage: str) -> tuple[Path, ...]:
         """Raw files that a stage opens, as first found."""
-        if stage in OF_SECOND_CAMPAIGNS and stage not in self._found:
+        if stage in OF_SECOND_CAMPAIGNS and stage not in self._raw_file_lists:
             from truing.pipeline.second_campaign import files_of_second
 
-            self._found[stage] = files_of_second(self.campaign)
+            self._raw_file_lists[stage] = files_of_second(self.campaign)
         if stage not in (*RAW_READERS, *OF_SECOND_CAMPAIGNS):
             return ()
-        if stage not in self._found:
+        if stage not in self._raw_file_lists:
             from truing.formats.source import raw_files
 
-            self._found[stage] = raw_files(self.campaign.folder, self.campaign.document, RAW_READERS[stage])
-        return self._found[stage]
+            self._raw_file_lists[stage] = raw_files(self.campaign.folder, self.campaign.document, RAW_READERS[stage])
+        return self._raw_file_lists[stage]
 
-    def status(self, stage: Stage, now: MadeFrom) -> StageStatus:
+    def status(self, stage: Stage, inputs: StageInputs) -> StageStatus:
         """Status of a stage; a fresh one is added to the manifest (in memory) if it was missing."""
-        stage_status = self.evidence.status(stage, now)
+        stage_status = self.evidence.status(stage, inputs)
         if stage_status.entry is not None:
             self.manifest.entries[stage.name] = stage_status.entry
         return stage_status
@@ -125,14 +125,14 @@ class CampaignRun:
     def statuses(self) -> Iterator[tuple[Stage, StageStatus]]:
         """Status of every stage, those included that wait for a stale one."""
         maker = makers(self.order)
-        behind: dict[str, str] = {}
+        stale_makers: dict[str, str] = {}
         for stage in self.order:
             status = self.status(stage, self.made_from(stage))
-            waits = sorted({maker[name] for name in map(bare, stage.reads) if maker.get(name) in behind})
+            waits = sorted({maker[name] for name in map(without_mark, stage.reads) if maker.get(name) in stale_makers})
             if waits and status.state is Freshness.FRESH:
                 status = StageStatus(Freshness.STALE, (f"it depends on {', '.join(waits)}",))
             if status.state is not Freshness.FRESH:
-                behind[stage.name] = status.why
+                stale_makers[stage.name] = status.why
             yield stage, status
 
     @cached_property
@@ -148,14 +148,14 @@ class CampaignRun:
             _ = self.settings  # raises CampaignFaults if invalid
             self.manifest.valid_campaign = digest
 
-    def execute(self, stage: Stage, now: MadeFrom, progress: Progress) -> str:
+    def execute(self, stage: Stage, inputs: StageInputs, progress: Progress) -> str:
         """Run a stage, write its artifacts and manifest entry; returns its closing line."""
         started = time.perf_counter()
         forget_largest_memory()
         try:
             outcome = self.outcome(stage, progress)
             _check_artifacts(stage, outcome)
-            self._store(stage, now, outcome)
+            self._store(stage, inputs, outcome)
         except DamagedTable as error:  # of a table that is read in batches
             self._refuse_damaged(error.artifact, str(error))
         words = f"read {outcome.read}; left out {outcome.left_out}; {outcome.figure}"
@@ -192,7 +192,7 @@ class CampaignRun:
         return results(work, pieces, Workforce(self.workers), _raise_lost_worker, progress)
 
     def _tables(self, stage: Stage) -> dict[str, pa.Table | StoredTable | str]:
-        present = [name for name in map(bare, stage.reads) if self.evidence.input_digest(name) is not None]
+        present = [name for name in map(without_mark, stage.reads) if self.evidence.input_digest(name) is not None]
         return {name: self._read(ARTIFACTS[name], in_batches=name in stage.streams) for name in present}
 
     def _read(self, artifact: Artifact, *, in_batches: bool) -> pa.Table | StoredTable | str:
@@ -210,22 +210,24 @@ class CampaignRun:
         self.digest_cache.save()
         raise EnvironmentProblem(f"{path} was changed after it was written ({why})") from None
 
-    def _store(self, stage: Stage, now: MadeFrom, outcome: Outcome) -> None:
+    def _store(self, stage: Stage, inputs: StageInputs, outcome: Outcome) -> None:
         from truing import __version__
         from truing.pipeline.artifacts import Stamp, write_artifacts
 
-        left, failed = tuple(outcome.artifacts), tuple(outcome.failed_checks)
+        written, failed = tuple(outcome.artifacts), tuple(outcome.failed_checks)
         text = outcome.figure if type(outcome.figure) is str else ""  # ingest counts while its rows stream past
-        stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, text, outcome.why_not)
-        files = {ARTIFACTS[name].file for name in left}  # two artifacts may share a file; a run writes one of them
-        obsolete = [file for name in map(bare, stage.leaves) if (file := ARTIFACTS[name].file) not in files]
-        digests = write_artifacts(
-            self.folder, outcome.artifacts, stamp, obsolete, lambda: self._check_unchanged(stage.name, now)
+        stamp = Stamp(
+            stage.name, inputs.digest, self.campaign.name, __version__, written, failed, text, outcome.why_not
         )
-        self.manifest.entries[stage.name] = Entry(now.digest, digests, failed, now)
+        files = {ARTIFACTS[name].file for name in written}  # two artifacts may share a file; a run writes one of them
+        obsolete = [file for name in map(without_mark, stage.leaves) if (file := ARTIFACTS[name].file) not in files]
+        digests = write_artifacts(
+            self.folder, outcome.artifacts, stamp, obsolete, lambda: self._check_unchanged(stage.name, inputs)
+        )
+        self.manifest.entries[stage.name] = Entry(inputs.digest, digests, failed, inputs)
         self.save()
 
-    def _check_unchanged(self, stage: str, then: MadeFrom) -> None:
+    def _check_unchanged(self, stage: str, then: StageInputs) -> None:
         """Raise EnvironmentProblem if a raw file changed while it was read."""
         for path in self._raw_files(stage) if then.raw else ():
             name = relative_name(path, self.campaign.folder)
@@ -248,14 +250,14 @@ class CampaignRun:
     def verdict(self, stages: tuple[Stage, ...]) -> dict[str, str]:
         """State, reason, deciding section and explanation of the campaign's verdict; empty without one among these.
 
-        They are remembered, because reading a table takes longer than everything else of a run with nothing to do.
+        The digest cache holds them: reading a table takes longer than all else in a run with nothing to do.
         """
         digests = (entry.artifacts[_VERDICT] for entry in self._entries(stages) if _VERDICT in entry.artifacts)
         digest = next(digests, None)
         if digest is None:
             return {}
         known = self.digest_cache.fact(f"verdict {digest}")
-        if known is None or set(_VERDICT_FIELDS) - set(known):  # an earlier version remembered less
+        if known is None or set(_VERDICT_FIELDS) - set(known):  # an earlier version noted fewer fields
             from truing.pipeline.artifacts import table_of
 
             table = table_of(self.folder, _VERDICT)
@@ -284,13 +286,13 @@ def _raise_lost_worker(piece: object) -> NoReturn:
 
 
 def _check_artifacts(stage: Stage, outcome: Outcome) -> None:
-    left, declared = set(outcome.artifacts), set(map(bare, stage.leaves))
+    written, declared = set(outcome.artifacts), set(map(without_mark, stage.leaves))
     required = {name for name in stage.leaves if not is_optional(name)}
-    if not required <= left <= declared:
-        raise ValueError(f"{stage.name} wrote {sorted(left)}, but declares {sorted(stage.leaves)}")
+    if not required <= written <= declared:
+        raise ValueError(f"{stage.name} wrote {sorted(written)}, but declares {sorted(stage.leaves)}")
 
 
-def _names_of(campaign: CampaignFolder) -> tuple[str, ...]:
+def _stage_names(campaign: CampaignFolder) -> tuple[str, ...]:
     """Stages of a campaign, in order."""
     return order_of(campaign.kind, photographs=campaign.has_photographs, second=campaign.has_second)
 
@@ -315,7 +317,7 @@ def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, 
     manifest.entries = {  # another version may have had other stages with other artifacts
         name: entry
         for name, entry in manifest.entries.items()
-        if name in _names_of(campaign) and entry.artifacts.keys() <= ARTIFACTS.keys()
+        if name in _stage_names(campaign) and entry.artifacts.keys() <= ARTIFACTS.keys()
     }
     digests = DigestCache(private / "digests.json", distrust=distrust)
     return CampaignRun(campaign, folder, digests, manifest, private, workers)

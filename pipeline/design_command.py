@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,14 +59,7 @@ def design_campaign(path: Path, options: DesignOptions, files: DesignFiles, cons
     if options.causes:
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
     chosen = design(campaign.validated(), options, design_tables(campaign, files))
-    for line in words_of(chosen):
-        console.sentence(line)
-    _write_table(
-        chosen.table,
-        files.out,
-        console,
-        f"{count_text(chosen.table.num_rows, 'pose')}, in the order in which to measure them",
-    )
+    _report_plan(words_of(chosen), chosen.table, files.out, console, noun="pose")
     return ExitCode.DONE
 
 
@@ -76,15 +69,8 @@ def _design_chain(
     """Choose poses of a chain; next to the plan, tables of what its poses show. Raises CampaignFaults."""
     tables = tables_of_chain(campaign, files)
     chain_design = design_chain(campaign.validated(), options, tables)
-    for line in words_of_chain(chain_design):
-        console.sentence(line)
-    _write_table(
-        chain_design.table,
-        files.out,
-        console,
-        f"{count_text(chain_design.table.num_rows, 'pose')}, in the order in which to measure them",
-        "; add time_s when measuring",
-    )
+    sentences, then = words_of_chain(chain_design), "; add time_s when measuring"
+    _report_plan(sentences, chain_design.table, files.out, console, noun="pose", then=then)
     if files.out is not None:
         shown = {"own": chain_design.own, "plan": chain_design.plan}
         visible_tables = {poses: visible for poses, visible in shown.items() if visible is not None}
@@ -120,15 +106,8 @@ def _design_axis(campaign: CampaignFolder, options: DesignOptions, files: Design
     is_planned = CampaignFiles(campaign.folder, settings).entries("configurations")
     planned = axis_tables(campaign, settings)["configurations"] if is_planned else None
     axis_design = design_axis(settings, options, AxisDesignTables(planned, extend, str(files.extend)))
-    for line in words_of_axis(axis_design):
-        console.sentence(line)
-    _write_table(
-        axis_design.table,
-        files.out,
-        console,
-        f"{count_text(axis_design.table.num_rows, 'row')}, in the order in which to measure them",
-        "; add time_s when measuring, or keep this order",
-    )
+    sentences, then = words_of_axis(axis_design), "; add time_s when measuring, or keep this order"
+    _report_plan(sentences, axis_design.table, files.out, console, noun="row", then=then)
     if files.out is not None:
         shown = {"own": axis_design.own_sizes, "plan": axis_design.sizes}
         _write_shown({rows: sizes for rows, sizes in shown.items() if sizes is not None}, files.out, "causes", console)
@@ -160,14 +139,8 @@ def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignF
     """Choose load steps for a sensor; raises CampaignFaults for options of poses."""
     _check_of_loads(options, files)
     load_plan = plan_loads(campaign.validated(), options, _loads_of(campaign))
-    for line in words_of_loads(load_plan):
-        console.sentence(line)
-    _write_table(
-        load_plan.table,
-        files.out,
-        console,
-        f"{count_text(load_plan.table.num_rows, 'load step')}, in the order in which to apply them",
-    )
+    how = "in the order in which to apply them"
+    _report_plan(words_of_loads(load_plan), load_plan.table, files.out, console, noun="load step", how=how)
     return ExitCode.DONE
 
 
@@ -185,12 +158,8 @@ def _loads_for_causes(
         loads = loads_for_causes(tables, settings, options.causes, measured=measured, seed=options.seed)
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be simulated: {why}")]) from None
-    for line in loads.sentences or ("a campaign in which these causes can act",):
-        console.sentence(line)
-    if loads.table.num_rows:
-        _write_table(
-            loads.table, files.out, console, f"{count_text(loads.table.num_rows, 'load step')}, by purpose and run", ""
-        )
+    sentences = loads.sentences or ("a campaign in which these causes can act",)
+    _report_plan(sentences, loads.table, files.out, console, noun="load step", how="by purpose and run", then="")
     return ExitCode.DONE
 
 
@@ -211,16 +180,31 @@ def _check_of_loads(options: DesignOptions, files: DesignFiles) -> None:
         raise CampaignFaults(of_poses)
 
 
-def _write_table(
-    table: pa.Table, out: Path | None, console: RunConsole, content: str, then: str = "; fill in time_s when measuring"
+def _report_plan(
+    sentences: Iterable[str],
+    table: pa.Table,
+    out: Path | None,
+    console: RunConsole,
+    *,
+    noun: str,
+    how: str = "in the order in which to measure them",
+    then: str = "; fill in time_s when measuring",
 ) -> None:
+    """Print the quality of a plan, and write its table to a file or stdout; nothing for a plan without rows.
+
+    noun, how: what a row is, and in which order rows stand; then: what to do with the file.
+    """
+    for sentence in sentences:
+        console.sentence(sentence)
+    if not table.num_rows:
+        return
     for row in table.to_pylist():
         console.tell("chosen", row)
     if out is None:
         console.line(table_bytes(table, ".csv").decode().rstrip("\n"))
         return
     write_atomically(out, table_bytes(table, out.suffix))
-    console.written(f"{content}: {out}{then}", [out])
+    console.written(f"{count_text(table.num_rows, noun)}, {how}: {out}{then}", [out])
 
 
 def design_tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:

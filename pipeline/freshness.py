@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truing.pipeline.campaign_folder import CampaignFolder, relative_name
-from truing.pipeline.manifest import DigestCache, Entry, MadeFrom, Manifest, canonical
+from truing.pipeline.manifest import DigestCache, Entry, Manifest, StageInputs, canonical
 from truing.pipeline.source_digest import SourceTree
-from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS, bare
+from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS, without_mark
 
 if TYPE_CHECKING:
     from truing.schemas.artifact import Artifact
@@ -64,14 +64,14 @@ class Evidence:
         called = (f"truing.stages.{name}" for name in (stage, *OF_SECOND_CAMPAIGNS.get(stage, ())))
         return self.source.digests(*called, *_COMMON_SOURCE)
 
-    def made_from(self, stage: Stage, raw: tuple[Path, ...]) -> MadeFrom:
+    def made_from(self, stage: Stage, raw: tuple[Path, ...]) -> StageInputs:
         """Inputs of the stage if it ran now; ``raw``: files that it reads besides artifacts."""
         folder = self.campaign.folder
-        return MadeFrom(
+        return StageInputs(
             campaign=self.campaign.name,
             source=self.source_of(stage.name),
             settings={section: self.campaign.section(section) for section in sorted(stage.settings)},
-            inputs={name: self.input_digest(name) for name in sorted(map(bare, stage.reads))},
+            inputs={name: self.input_digest(name) for name in sorted(map(without_mark, stage.reads))},
             raw={relative_name(path, folder): self.digest_cache.digest(path) for path in raw},
         )
 
@@ -79,7 +79,7 @@ class Evidence:
         """Digest of an artifact of an earlier stage, or None."""
         return next((e.artifacts[artifact] for e in self.manifest.entries.values() if artifact in e.artifacts), None)
 
-    def status(self, stage: Stage, now: MadeFrom) -> StageStatus:
+    def status(self, stage: Stage, now: StageInputs) -> StageStatus:
         """True if the stage's artifacts are unchanged since writing, and made from the inputs ``now``."""
         entry = self.manifest.entries.get(stage.name) or self._embedded(stage)
         if entry is None:
@@ -102,7 +102,7 @@ class Evidence:
         """Entry from the metadata of a stage's artifacts, if the manifest is missing."""
         from truing.pipeline.artifacts import read_provenance
 
-        for name in map(bare, stage.leaves):
+        for name in map(without_mark, stage.leaves):
             carried = read_provenance(self.run_folder, self.artifacts[name])
             if carried is not None and carried.get("stage") == stage.name and carried.keys() >= _SPOKEN:
                 try:
@@ -124,7 +124,7 @@ class Evidence:
         return Entry(carried["digest"], digests, tuple(json.loads(carried["failed_checks"])))
 
 
-def _changes(entry: Entry, now: MadeFrom) -> Iterator[str]:
+def _changes(entry: Entry, now: StageInputs) -> Iterator[str]:
     if entry.digest == now.digest:
         return
     then = entry.made_from

@@ -12,7 +12,7 @@ import pyarrow as pa
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, open_campaign
-from truing.pipeline.stage_order import RAW_READERS, bare, order_of, stage_module
+from truing.pipeline.stage_order import RAW_READERS, order_of, stage_module, without_mark
 from truing.schemas.artifact import plain_texts
 from truing.schemas.campaign import Campaign
 from truing.stages.declaration import Outcome
@@ -53,7 +53,7 @@ def stage_line(campaign: str | Path, scratch: Path | None = None) -> StageLine:
 def call_stage(name: str, tables: Mapping[str, pa.Table | str], settings: Campaign, *more: Any) -> Outcome:
     """Artifacts of a stage for its declared tables, as if read back from file."""
     stage = stage_module(name)
-    wanted = {bare(read) for read in stage.DECLARATION.reads}
+    wanted = {without_mark(read) for read in stage.DECLARATION.reads}
     given = {key: table for key, table in tables.items() if key in wanted}
     outcome: Outcome = stage.run(given, SettingsView(settings, stage.DECLARATION.settings), lambda *_: None, *more)
     return replace(outcome, artifacts={key: as_read(left) for key, left in outcome.artifacts.items()})

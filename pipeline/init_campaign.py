@@ -318,7 +318,9 @@ def _separate_globs(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGrou
 
 def _separate_tables(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
     """One entry for each table of a file with several tables."""
-    return [(group, part) for group, guess in guesses for part in (replace(guess, beside=()), *guess.beside)]
+    return [
+        (group, part) for group, guess in guesses for part in (replace(guess, other_tables=()), *guess.other_tables)
+    ]
 
 
 def _rows_once(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:

@@ -133,8 +133,8 @@ def bodies_and_targets(names: Sequence[str]) -> MappingKeys:
     expression = _one_body(names) or _several_bodies(names)
     if expression is None:
         return {}
-    reported = [match.groupdict() for name in names if (match := re.search(expression, name))]
-    single = len(reported) == len(names) and len({tuple(groups.items()) for groups in reported}) == len(names)
+    matches = [match.groupdict() for name in names if (match := re.search(expression, name))]
+    single = len(matches) == len(names) and len({tuple(groups.items()) for groups in matches}) == len(names)
     return {"from_name": expression} if single else {}
 
 

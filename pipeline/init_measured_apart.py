@@ -17,7 +17,7 @@ from truing.formats.guess import Guess, MappingKeys, OtherWay
 from truing.formats.named_bench import axis_rows
 from truing.formats.proposed_angles import head_of_angles, with_raw_names
 from truing.formats.sexagesimal import UNIT
-from truing.formats.sniff_cells import proposal_of_axis
+from truing.formats.sniff_readings import proposal_of_axis
 from truing.formats.units import bare_and_unit
 from truing.pipeline.init_preview import batches
 from truing.schemas.faults import CampaignFaults

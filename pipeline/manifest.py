@@ -21,7 +21,7 @@ from truing.schemas.settings_text import Document, regular_size
 # Two changes within one clock tick of the file system give the same time; the tick of FAT is two seconds.
 TICK_NS = 2_000_000_000
 # Facts that depend only on the bytes of a file, shared by all campaigns of this process.
-_OF_THIS_PROCESS: dict[str, object] = {}
+_PROCESS_FACTS: dict[str, object] = {}
 
 
 def canonical(value: object) -> str:
@@ -35,7 +35,7 @@ def digest_of(value: object) -> str:
 
 
 @dataclass(frozen=True)
-class MadeFrom:
+class StageInputs:
     """Inputs that determine a stage's artifacts; digests are SHA-256, None for an absent input."""
 
     campaign: str
@@ -57,7 +57,7 @@ class Entry:
     digest: str
     artifacts: Mapping[str, str]
     failed_checks: tuple[str, ...] = ()
-    made_from: MadeFrom | None = None
+    made_from: StageInputs | None = None
 
     @cached_property
     def indented(self) -> str:
@@ -108,17 +108,17 @@ def read_manifest(store: Path) -> Manifest:
 
 def _entry(row: Document) -> Entry:
     """An entry written by this or another version; raises if it is none."""
-    reported = row["made_from"]
+    recorded = row["made_from"]
     made_from = None
-    if reported is not None:
-        parts = {name: dict(reported[name]) for name in ("source", "settings", "inputs", "raw")}
-        made_from = MadeFrom(str(reported["campaign"]), **parts)
+    if recorded is not None:
+        parts = {name: dict(recorded[name]) for name in ("source", "settings", "inputs", "raw")}
+        made_from = StageInputs(str(recorded["campaign"]), **parts)
     return Entry(str(row["digest"]), dict(row["artifacts"]), tuple(map(str, row["failed_checks"])), made_from)
 
 
-def _owner(reported: Mapping[str, object] | None) -> Owner | None:
+def _owner(recorded: Mapping[str, object] | None) -> Owner | None:
     """The owner as written; None if absent."""
-    return None if reported is None else Owner(*(str(reported[key]) for key in ("name", "file", "settings", "folder")))
+    return None if recorded is None else Owner(*(str(recorded[key]) for key in ("name", "file", "settings", "folder")))
 
 
 class DigestCache:
@@ -155,13 +155,13 @@ class DigestCache:
 
     def fact(self, digest: str) -> Any | None:
         """Fact noted about the file with these bytes, here or for another run folder, or None."""
-        if digest not in self._facts and digest in _OF_THIS_PROCESS:
-            self.note(digest, _OF_THIS_PROCESS[digest])
+        if digest not in self._facts and digest in _PROCESS_FACTS:
+            self.note(digest, _PROCESS_FACTS[digest])
         return self._facts.get(digest)
 
     def note(self, digest: str, fact: object) -> None:
         """Note a fact (JSON) that depends only on a file's bytes."""
-        self._facts[digest] = _OF_THIS_PROCESS[digest] = fact
+        self._facts[digest] = _PROCESS_FACTS[digest] = fact
         self._changed = True
 
     def save(self) -> None:

@@ -256,8 +256,8 @@ def _opened(folder: Path) -> Run:
 
 def _of_one_machine(runs: Sequence[Run]) -> None:
     """Raise for runs of different mechanisms; a run without a model fits any mechanism of its tables."""
-    for reported in (kind_of, mechanism_of):
-        known = [(run, what) for run in runs if (what := reported(run))]
+    for fact_of in (kind_of, mechanism_of):
+        known = [(run, what) for run in runs if (what := fact_of(run))]
         for run, what in known[1:]:
             if what != known[0][1]:
                 expected = f"runs of the machine of {known[0][0].folder}: {known[0][1]}"

@@ -325,10 +325,10 @@ def _run_at_a_time(
     planned = [_planned(path, plan, workforce) for path in paths]
     jobs = [job for job in planned if isinstance(job, CampaignJob)]
     with console.during("run") as watched:
-        reported = results(run_job, jobs, workforce, _lost_outcome, lambda done: watched(done, len(jobs), "campaigns"))
-        with closing(reported):
+        outcomes = results(run_job, jobs, workforce, _lost_outcome, lambda done: watched(done, len(jobs), "campaigns"))
+        with closing(outcomes):
             for entry in planned:
-                ending = next(reported) if isinstance(entry, CampaignJob) else entry
+                ending = next(outcomes) if isinstance(entry, CampaignJob) else entry
                 ending.repeat(console)
                 yield ending
 

@@ -29,7 +29,7 @@ _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
 _Told = dict[tuple[str, ...], dict[str, str]]
 State = tuple[tuple[str, int, int, int], ...]
 # By root: file stamps at the last look of this process, and digests computed since.
-_OF_THIS_PROCESS: dict[Path, tuple[State, _Told]] = {}
+_PROCESS_DIGESTS: dict[Path, tuple[State, _Told]] = {}
 
 
 class SourceTree:
@@ -119,11 +119,11 @@ def _cached_digests(root: Path) -> _Told:
     state = tuple(sorted(entry for room in ROOMS for entry in _file_stamps(os.path.join(root, room))))
     if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:
         return {}
-    known, reported = _OF_THIS_PROCESS.get(root, ((), {}))
+    known, digests = _PROCESS_DIGESTS.get(root, ((), {}))
     if known != state:
-        reported = {}
-        _OF_THIS_PROCESS[root] = state, reported
-    return reported
+        digests = {}
+        _PROCESS_DIGESTS[root] = state, digests
+    return digests
 
 
 def _file_stamps(folder: str) -> Iterator[tuple[str, int, int, int]]:

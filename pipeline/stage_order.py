@@ -49,7 +49,7 @@ def is_optional(artifact: str) -> bool:
     return artifact.endswith("?")
 
 
-def bare(artifact: str) -> str:
+def without_mark(artifact: str) -> str:
     """Name of a declared artifact without its mark."""
     return artifact.removesuffix("?")
 
@@ -59,9 +59,9 @@ def makers(order: tuple[Stage, ...]) -> dict[str, str]:
     stage_of_artifact: dict[str, str] = {}
     for stage in order:
         for artifact in stage.reads:
-            if bare(artifact) not in stage_of_artifact and not is_optional(artifact):
+            if without_mark(artifact) not in stage_of_artifact and not is_optional(artifact):
                 raise ValueError(f"{stage.name} reads {artifact}, which no earlier stage writes")
-        for artifact in map(bare, stage.leaves):
+        for artifact in map(without_mark, stage.leaves):
             if artifact in stage_of_artifact:
                 raise ValueError(f"{artifact} is written by {stage_of_artifact[artifact]} and by {stage.name}")
             stage_of_artifact[artifact] = stage.name
@@ -74,5 +74,5 @@ def needed_for(target: str, order: tuple[Stage, ...]) -> tuple[Stage, ...]:
     wanted = {target}
     for stage in reversed(order):
         if stage.name in wanted:
-            wanted.update(maker[name] for name in map(bare, stage.reads) if name in maker)
+            wanted.update(maker[name] for name in map(without_mark, stage.reads) if name in maker)
     return tuple(stage for stage in order if stage.name in wanted)

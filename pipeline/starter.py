@@ -378,8 +378,8 @@ def has_open_rotation(mapping: MappingKeys) -> bool:
 
 
 def _of_rows(mapping: MappingKeys, answered: Collection[str]) -> Iterator[str]:
-    if reported := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
-        yield f"the files' names give {' and '.join(reported)}"
+    if groups := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
+        yield f"the files' names give {' and '.join(groups)}"
     if "coverage" in mapping and "coverage" not in answered:
         yield f"coverage = {mapping['coverage']:g}, uncertainties are assumed to be expanded (1: one sigma)"
     if has_open_rotation(mapping) and "rotation" not in answered:

@@ -42,7 +42,7 @@ _OF_PROGRAMME: Checks = {
         "How large is the largest load, relative to the range in [loading]?",
         "Results beyond the largest load are extrapolated.",
         CheckLimits("largest load over the range", warn=0.5, below=True, most=1.0),
-        "Load further, or declare the range of use. `ingest` refuses loads above 1, except in an overload test "
+        "Apply larger loads, or declare the range of use. `ingest` refuses loads above 1, except in an overload test "
         "(`[loading] overload`).",
     ),
 }
@@ -62,7 +62,7 @@ _OF_READINGS: Checks = {
         withholds="models",
     ),
     "channels-exchanged": QualityCheck(
-        "Do channels of a run read what another of them should?",
+        "Does a channel of a run record what another channel should?",
         "Exchanged labels look like crosstalk.",
         VerdictRule(fails="any"),
         "Compare the run's wiring with its table; a load recorded for another axis looks the same.",
@@ -223,7 +223,7 @@ _OF_BELONGING: Checks = {
         "Do the readings follow the loads as the simulation predicts, alike in every run?",
         "The diagnosis would take a wrong unit, sign or label for a stiffness.",
         VerdictRule(
-            "no slip explains it, and a run responds more than twice, or less than half, as expected",
+            "a run responds more than twice, or less than half, as expected, and no slip explains it",
             "a slip explains more than any physical cause, or half of all responses are off by a factor of 3",
         ),
         "Correct the table or its mapping as the message proposes.",

@@ -171,18 +171,18 @@ OF_POINTS: Checks = {
     ),
     "noise-size": QualityCheck(
         "Do most points of a body agree within the declared noise?",
-        "Where most points do not, but all scatter alike, the declared noise is too small, often by another unit. Then "
-        "every point would be a gross error, and every small deviation an effect.",
+        "If most points do not, but all scatter alike, the declared noise is too small, often because of another unit. "
+        "Then every point would be a gross error, and every small deviation an effect.",
         VerdictRule(
-            fails="most points of a body are gross errors by the declared noise, few by 10 times or more of it"
+            fails="most points of a body are gross errors by the declared noise, but few by ten times that noise"
         ),
         "Declare the instrument's real noise in the unit of its key (`[noise]`, sigma columns).",
         withholds="poses",
     ),
     "noise": QualityCheck(
         "How large is the scatter of a body, and of each axis, over the declared noise?",
-        "Every uncertainty and test uses the declared noise. A deviation of 10 % is normal; the test is one-sided "
-        "against the multiple.",
+        "Every uncertainty and test uses the declared noise. A deviation of 10 % is normal: the test asks "
+        "whether the scatter exceeds the limit significantly.",
         VerdictRule(
             "significantly above 1.1 times or below 1/1.1",
             "significantly above 1.5 times; one axis above 2.5 times; below 1/100: another unit",
@@ -194,7 +194,8 @@ OF_POINTS: Checks = {
         "Which poses are noisier than the body's usual scatter?",
         "In one noisy pose, something moved during the measurement. Many make the campaign unusable.",
         VerdictRule(
-            "any pose above 1.5 times, at one in a million", "a tenth of the poses significantly above 3 times"
+            "any pose above 1.5 times, with a chance below one in a million",
+            "a tenth of the poses significantly above 3 times",
         ),
         "Repeat the named pose; let the machine settle before each pose.",
     ),

@@ -60,7 +60,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Search the catalogue for causes of the campaign's departure from its simulation."""
     import numpy as np
 
-    from truing.stages.common.approaches import axis_of_approaches, has_approaches_alone
+    from truing.stages.common.approaches import axis_of_approaches, has_only_approaches
     from truing.stages.common.belonging import reason_withheld
     from truing.stages.diagnosis.artifacts import not_evaluated, outcome, outcome_of_rays
     from truing.stages.diagnosis.ray_findings import corrected, ray_findings, with_shared_errors
@@ -71,7 +71,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return not_evaluated(why, settings)
     rays = ray_findings(tables, settings, progress) if has_rays(tables) else None
     try:
-        if has_approaches_alone(tables):
+        if has_only_approaches(tables):
             tables, settings = axis_of_approaches(tables, settings)
         data = assembled_data(tables if rays is None else corrected(tables, rays), settings)
     except ValueError as error:

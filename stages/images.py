@@ -66,7 +66,7 @@ def run(
     if elsewhere and rays.without_sigma:
         read.append(f"{rays.without_sigma:,} of them without a standard deviation: [noise] image_px")
     if elsewhere and not {"scale_bars", "known_points", "image_targets"} & known.keys():
-        read.append("nothing tells their scale")
+        read.append("nothing gives their scale")
     left_out = reasons("row", rays.left_out, *(table.left_out for table in small.values()))
     if len(rays.image_rejections):
         left_out.append(f"candidates for targets: {refused_words(rays.image_rejections)}")

@@ -1,6 +1,6 @@
 """Choice of load steps that give the most information for a sensor's calibration.
 
-Like `stages.design` no stage of a run: a campaign.toml in, a table and words out.
+Not a stage of a run: `truing design` calls it with a campaign.toml, and gets a table and sentences.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ _FULL = np.array([1.0])
 
 
 def plan_loads(settings: Campaign, options: DesignOptions, tables: Mapping[str, pa.Table]) -> LoadPlan:
-    """Choose load steps within [loading], at most ``wish.at_once`` components at a time; raises CampaignFaults.
+    """Choose load steps within [loading], at most ``options.at_once`` components at a time; raises CampaignFaults.
 
-    tables: what the campaign holds already, to compare with.
+    tables: readings and signals of the campaign, with which the choice is compared.
     """
     limits = LoadLimits(_limits(settings))
     rng = np.random.default_rng(options.seed)

@@ -236,9 +236,9 @@ def _prospects_of_loads(settings: Campaign, contents: CampaignContents) -> Itera
 
 
 def _diagnosis_of_loads(settings: Campaign, tables: Mapping[str, pa.Table]) -> str:
-    from truing.stages.common.approaches import has_approaches_alone, why_no_diagnosis_of_approaches
+    from truing.stages.common.approaches import has_only_approaches, why_no_diagnosis_of_approaches
 
-    if has_approaches_alone(tables):
+    if has_only_approaches(tables):
         return why_no_diagnosis_of_approaches(tables["positions"])
     if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
         return "no readings and no signals"

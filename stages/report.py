@@ -54,10 +54,10 @@ def run(
     frames = machine_frames(settings, tables.get("poses"))
     made = {} if frames is None else {"frames": frames}
     verdict = verdict_table(tables)
-    reported = {**tables, **made, "verdict": verdict}
+    all_tables = {**tables, **made, "verdict": verdict}
     head, sections = page_parts(
         settings.campaign.name,
-        reported,
+        all_tables,
         _joints(settings),
         _declared_noise(settings),
         campaign_facts(settings, files),
@@ -69,7 +69,7 @@ def run(
         f"{len(tables)} artifacts",
         f"{count_text(len(sections), 'section')}, {count_text(drawn, 'figure')}, {len(page) / 1e6:.1f} MB",
     )
-    left = {**made, "verdict": verdict, "next_measurements": next_measurements_table(reported), "report": page}
+    left = {**made, "verdict": verdict, "next_measurements": next_measurements_table(all_tables), "report": page}
     return Outcome(left, read, "nothing", size, tuple(gates(verdict.to_pylist())))
 
 

@@ -37,7 +37,7 @@ def predicted(model: str, table: pa.Table, file: str) -> pa.Table:
     recorded = number_column(table, APPROACH) if APPROACH in table.schema.names else None
     rows = AxisRows.of(poses, time_s, command, extended.axis.least_move, others=values_by_column, recorded=recorded)
     value, sigma = predict_axis(extended, rows)
-    reported = [
+    predictions = [
         {
             "pose": poses[b],
             "encoder": name,
@@ -51,7 +51,7 @@ def predicted(model: str, table: pa.Table, file: str) -> pa.Table:
         for k, name in enumerate(extended.axis.encoders)
     ]
     identifier = "int64" if pa.types.is_integer(table.schema.field("pose").type) else "string"
-    return pa.Table.from_pylist(reported, schema=ARTIFACTS["axis_prediction"].arrow_schema(identifier))
+    return pa.Table.from_pylist(predictions, schema=ARTIFACTS["axis_prediction"].arrow_schema(identifier))
 
 
 def _check(table: pa.Table, file: str, unit: str, followed: dict[str, str]) -> None:

@@ -88,7 +88,7 @@ def _regions(adjustment: AdjustedNetwork) -> list[Figure]:
     """Common part of residuals in regions of the format: least p-value of each camera."""
     adjusted = adjustment.adjustment
     network = adjusted.network
-    C = network.rays.cov_px2 * adjustment.screened.components.of_rays()[:, None, None]
+    C = network.rays.cov_px2 * adjustment.screened.components.ray_factors()[:, None, None]
     residuals = np.where(adjusted.used[:, None], adjusted.residuals_px, np.nan)
     regions = residual_regions(network, residuals, np.where(adjusted.used[:, None, None], C, 1.0))
     rows: list[Figure] = []
@@ -187,7 +187,7 @@ def image_cameras(adjusted: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, 
     """Table image_cameras, one row per image whose rays determine its principal distance; and figures: a p-value per
     camera, and the shift of each pose's points if deviating images get a separate camera."""
     named, network = adjusted.named, adjusted.adjustment.network
-    stable = image_stability(adjusted.screened.by_rays, adjusted.screened.components.of_rays())
+    stable = image_stability(adjusted.screened.by_rays, adjusted.screened.components.ray_factors())
     rows = [
         {
             "pose": named.poses[network.image_pose[image]],

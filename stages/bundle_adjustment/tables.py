@@ -211,7 +211,7 @@ class NetworkTables:
         rejected = snooped.rejected
         reason = np.full(rays.count, None, dtype=object)
         reason[rejected.ray] = rejected.reason
-        sigma = np.sqrt(np.einsum("nii->ni", rays.cov_px2) * snooped.components.of_rays()[:, None])
+        sigma = np.sqrt(np.einsum("nii->ni", rays.cov_px2) * snooped.components.ray_factors()[:, None])
         tests, v = snooped.tests, self.adjusted.residuals_px
         with np.errstate(invalid="ignore"):
             w = np.max(np.abs(tests.w), axis=1)

@@ -49,13 +49,9 @@ def parameter_rows(artifact: str, calibrations: Sequence[MachineCalibration]) ->
     """Every identified parameter of every calibration, in table units."""
     rows = Rows(artifact)
     for calibration in calibrations:
-        entries, units = calibration.parameters.entries, calibration.parameters.units
+        units = calibration.parameters.units
         rows.add(
-            model=calibration.case.structure.name,
-            deformation=calibration.case.deformation,
-            leg=[entry.leg_number for entry in entries],
-            parameter=[entry.name for entry in entries],
-            unit=[entry.unit for entry in entries],
+            **_named_parameters(calibration),
             nominal=calibration.nominal / units,
             identified=calibration.values / units,
             sigma=calibration.sigma / units,
@@ -65,6 +61,18 @@ def parameter_rows(artifact: str, calibrations: Sequence[MachineCalibration]) ->
             status=calibration.status,
         )
     return rows
+
+
+def _named_parameters(calibration: MachineCalibration) -> dict[str, object]:
+    """Return the columns that name a calibration's parameters, one element per parameter."""
+    entries = calibration.parameters.entries
+    return {
+        "model": calibration.case.structure.name,
+        "deformation": calibration.case.deformation,
+        "leg": [entry.leg_number for entry in entries],
+        "parameter": [entry.name for entry in entries],
+        "unit": [entry.unit for entry in entries],
+    }
 
 
 def correlation_rows(calibrations: Sequence[MachineCalibration]) -> Rows:
@@ -344,16 +352,12 @@ def _absorbed(
     calibration: MachineCalibration,
     complete: MachineCalibration,
 ) -> None:
-    entries, units = calibration.parameters.entries, calibration.parameters.units
+    units = calibration.parameters.units
     absorption = absorbed(data, fitted, calibration, complete)
     rows.add(
+        **_named_parameters(calibration),
         effect="platform-deformation-matrix",
-        model=calibration.case.structure.name,
-        deformation=calibration.case.deformation,
         estimator=calibration.estimator,
-        leg=[entry.leg_number for entry in entries],
-        parameter=[entry.name for entry in entries],
-        unit=[entry.unit for entry in entries],
         predicted=absorption.predicted / units,
         observed=absorption.observed / units,
         sigma=absorption.sigma / units,

@@ -1,4 +1,4 @@
-"""Approaches of a positioning run as rows of an axis: targets are commands, positions the outside instrument."""
+"""Approaches of a positioning run, converted to rows of an axis: targets are its commands, positions its readings."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 COMMAND, MEASURED = "command_mm", "measured_mm"
 _FEWEST_FREEDOM = 8  # degrees of freedom of the noise
 _CHANCE = 1e-3
-_AHEAD = 0.5  # of the smallest distance between targets: start of the movement to a target
+_START_BEFORE = 0.5  # where a movement to a target starts, as a share of the smallest distance between targets
 _TEMPERATURE = "material_temperature_c"
-_ROUNDED = 0.289  # standard deviation of rounding, in steps of the readings
+_ROUNDING_SIGMA = 0.289  # standard deviation of rounding, in steps of the readings
 _ITERATIONS = 20
 
 
-def has_approaches_alone(tables: Mapping[str, pa.Table]) -> bool:
+def has_only_approaches(tables: Mapping[str, pa.Table]) -> bool:
     """True if positions of an axis were recorded, and no load, reading or signal."""
     recorded = [name for name in ("positions", "readings", "signals") if name in tables and tables[name].num_rows]
     return recorded == ["positions"]
@@ -56,12 +56,12 @@ def axis_of_approaches(tables: Mapping[str, pa.Table], settings: Campaign) -> tu
     """Tables with configurations, and settings, of a linear axis whose targets are commands.
 
     The noise is the scatter of the approaches within target and direction, without the mean of each cycle. Gross
-    errors have no reading. A row without a reading goes before each approach, on the side from which it came. Raises
-    ValueError with the reason if the noise cannot be determined.
+    errors lose their reading. Before each approach a row without a reading is inserted, on the side from which the axis
+    came. Raises ValueError with the reason if the noise cannot be determined.
     """
     positions = tables["positions"]
-    if why := why_no_diagnosis_of_approaches(positions):
-        raise ValueError(why)
+    if reason := why_no_diagnosis_of_approaches(positions):
+        raise ValueError(reason)
     mechanism = AxisMechanism(type="axis", kind="linear", command=COMMAND)
     axis_settings = _AxisSettings(settings, Noise(measured_mm=noise_mm(positions)), mechanism)
     return {**tables, "configurations": _configurations(positions)}, cast("Campaign", axis_settings)
@@ -91,7 +91,7 @@ def noise_mm(positions: pa.Table) -> float:
     targets, _, cycles = deviation.shape
     freedom = _freedom(targets, cycles) - int(gross.sum())
     step = resolution(number_column(positions, "position_mm"))
-    return float(np.hypot(np.sqrt(np.nansum(usable**2) / max(freedom, 1)), _ROUNDED * step))
+    return float(np.hypot(np.sqrt(np.nansum(usable**2) / max(freedom, 1)), _ROUNDING_SIGMA * step))
 
 
 def gross_approaches(positions: pa.Table) -> Mask:
@@ -113,27 +113,27 @@ def _deviations(positions: pa.Table) -> Array:
 def _configurations(positions: pa.Table) -> pa.Table:
     """Rows in order of time: before each approach one without a reading, on the side from which it came."""
     order = _order(positions)
-    taken = positions.take(order)
+    in_order = positions.take(order)
     measured = np.where(gross_approaches(positions).ravel(), np.nan, number_column(positions, "position_mm"))[order]
-    target, count = number_column(taken, "target_mm"), taken.num_rows
-    side = np.where(np.array(taken.column("direction").to_pylist()) == "forward", -1.0, 1.0)
-    before = target + side * _AHEAD * float(np.diff(np.unique(target)).min())
-    pose = np.arange(1, count + 1) if "row_order" not in taken.column_names else number_column(taken, "row_order")
+    target, count = number_column(in_order, "target_mm"), in_order.num_rows
+    side = np.where(np.array(in_order.column("direction").to_pylist()) == "forward", -1.0, 1.0)
+    before = target + side * _START_BEFORE * float(np.diff(np.unique(target)).min())
+    pose = np.arange(1, count + 1) if "row_order" not in in_order.column_names else number_column(in_order, "row_order")
 
-    def doubled(first: Array, second: Array) -> Array:
+    def interleaved(first: Array, second: Array) -> Array:
         return np.column_stack([first, second]).ravel()
 
     columns = {
-        "pose": doubled(-pose, pose).astype(np.int64),
+        "pose": interleaved(-pose, pose).astype(np.int64),
         "role": ["calibration"] * (2 * count),
         "time_s": np.arange(2.0 * count),  # counted: whole seconds are no motion between targets
-        "run": [f"cycle {cycle}" for cycle in taken.column("cycle").to_pylist() for _ in range(2)],
-        COMMAND: doubled(before, target),
-        MEASURED: doubled(np.full(count, np.nan), measured),
+        "run": [f"cycle {cycle}" for cycle in in_order.column("cycle").to_pylist() for _ in range(2)],
+        COMMAND: interleaved(before, target),
+        MEASURED: interleaved(np.full(count, np.nan), measured),
     }
-    if _TEMPERATURE in taken.column_names:
-        warmth = number_column(taken, _TEMPERATURE)
-        columns[_TEMPERATURE] = doubled(warmth, warmth)
+    if _TEMPERATURE in in_order.column_names:
+        temperature = number_column(in_order, _TEMPERATURE)
+        columns[_TEMPERATURE] = interleaved(temperature, temperature)
     return pa.table(columns)
 
 

@@ -91,14 +91,14 @@ def _software(version: str, *, of_photographs: bool) -> Iterator[tuple[str, str]
 
 
 def processor_model(listed: Path = _PROCESSORS) -> str:
-    """Return the model of the processor, by Linux's list or as the system tells it; empty where neither is known."""
+    """Return the model of the processor, from Linux's list or from the system; empty where neither is known."""
     with suppress(OSError):
         for line in listed.read_text(encoding="utf-8", errors="replace").splitlines():
             name, _, model = line.partition(":")
             if name.strip() == "model name" and model.strip():
                 return " ".join(model.split())
-    told = platform.processor()
-    return told if told != platform.machine() else ""
+    processor = platform.processor()
+    return processor if processor != platform.machine() else ""
 
 
 def _raw_files(files: CampaignFiles) -> Iterator[RawFileFacts]:

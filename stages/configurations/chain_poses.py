@@ -15,6 +15,7 @@ from truing.report.numbers import count_text
 from truing.report.wordings.catalogue import cause_words
 from truing.stages.common.chain_candidates import Forbids, JointRanges
 from truing.stages.configurations.chosen import DesignOptions
+from truing.stages.configurations.order_sentences import order_sentences, percent_of
 
 # Two causes look alike if an effect of plausible size differs by fewer sigma from the best effect of the other.
 APART = 5.0
@@ -96,29 +97,18 @@ def _chosen(design: ChainDesign) -> list[str]:
         f"within the ranges of the joints ({sources}){regions}",
         f"log det of the information, relative to what is known before: {chosen_poses.log_det:.3f} "
         f"({count_text(chosen_poses.size, 'unknown')}{of_causes})",
-        f"D-efficiency {_percent(chosen_poses.efficiency)} of the best possible (equivalence theorem over "
+        f"D-efficiency {percent_of(chosen_poses.efficiency)} of the best possible (equivalence theorem over "
         f"{count_text(design.candidates, 'candidate')}; poses between them are not covered)",
     ]
     if design.existing is not None and design.own is not None:
-        lines.append(
-            f"the campaign's own {count_text(design.own.count, 'pose')}: {_percent(design.existing)} of the best of as "
-            "many"
-        )
+        share = percent_of(design.existing)
+        lines.append(f"the campaign's own {count_text(design.own.count, 'pose')}: {share} of the best of as many")
     return lines
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.2f} %"
-
-
 def _order(design: ChainDesign) -> list[str]:
-    order = design.order
-    return [
-        f"travel {order.travel:.1f} full ranges of a joint in this order, {order.random_travel:.1f} in a random one "
-        "(the joint that moves most in each move)",
-        f"drift: of a line in time, a reading with its sine and cosine can imitate {_percent(order.drift)} "
-        f"({_percent(order.random_drift)} in a random order)",
-    ]
+    imitating = "a reading with its sine and cosine"
+    return order_sentences(design.order, 1.0, "full ranges of a joint", "the joint that moves most", imitating)
 
 
 def _shown(whose: str, shown: ShownByPoses) -> list[str]:

@@ -10,6 +10,7 @@ from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.report.numbers import count_text, percent
 from truing.simulation.mechanisms.parameters import LegParameter
 from truing.stages.configurations.chosen import Design, LoadPlan
+from truing.stages.configurations.order_sentences import order_sentences, percent_of
 from truing.stages.configurations.tables import RUN
 
 _UNITS = {"mm": " mm", "1": ""}
@@ -55,7 +56,7 @@ def _quality(design: Design) -> list[str]:
     return [
         f"O1 = log det J'J = {design.all_configurations.log_det:.3f} (parameters in tolerances, residuals in their "
         f"noise: {_noise(design)})",
-        f"D-efficiency {_percent(design.efficiency)} of the best possible, {best:.3f} ({_bound(design)})",
+        f"D-efficiency {percent_of(design.efficiency)} of the best possible, {best:.3f} ({_bound(design)})",
     ]
 
 
@@ -75,10 +76,6 @@ def _noise(design: Design) -> str:
     least, most = design.problem.noise.min() * 1e6, design.problem.noise.max() * 1e6
     size = f"{least:.2f} um" if most - least < 0.005 else f"{least:.2f} to {most:.2f} um"
     return f"{size}, {design.problem.noise_from}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2f} %"
 
 
 def _sigmas(design: Design) -> list[str]:
@@ -110,13 +107,7 @@ def _counted_parameters(needed: NeededConfigurations) -> str:
 
 
 def _order(design: Design) -> list[str]:
-    order = design.order
-    return [
-        f"travel {order.travel * 1e3:.1f} mm in this order, {order.random_travel * 1e3:.1f} mm in a random one "
-        "(the longest drive of each move)",
-        f"drift: of a line in time, regressors of the worst leg can imitate {_percent(order.drift)} "
-        f"({_percent(order.random_drift)} in a random order)",
-    ]
+    return order_sentences(design.order, 1e3, "mm", "the longest drive", "regressors of the worst leg")
 
 
 def _existing(design: Design) -> list[str]:
@@ -125,7 +116,7 @@ def _existing(design: Design) -> list[str]:
         return []
     line = (
         f"the campaign's own {count_text(existing_plan.count, 'pose')}: O1 = {existing_plan.log_det:.3f}, "
-        f"{_percent(share)} of the best of as many"
+        f"{percent_of(share)} of the best of as many"
     )
     if existing_plan.outside:
         line += f"; {existing_plan.outside} of them lie outside of these limits, which the bound is not about"
@@ -172,6 +163,6 @@ def _existing_loads(plan: LoadPlan) -> list[str]:
     )
     return [
         f"the campaign's own {count_text(len(existing_loads.loads), 'load')}: "
-        f"{_percent(existing_loads.efficiency)} of the best of as many, all components at once",
+        f"{percent_of(existing_loads.efficiency)} of the best of as many, all components at once",
         f"one chosen load is worth {worth:.2f} of the campaign's own loads",
     ]

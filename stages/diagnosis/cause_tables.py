@@ -12,7 +12,7 @@ import pyarrow as pa
 from truing.arrays import TableRow
 from truing.inference.detectable import POWER, EffectSensitivity, effect_sensitivities, sensitivity_to
 from truing.inference.determined import determined_combinations
-from truing.inference.linear_problem import INPUTS, OBSERVATIONS, PLAUSIBLE, PRIOR_CAMPAIGN, WIDE
+from truing.inference.variance_sources import INPUTS, OBSERVATIONS, PLAUSIBLE, PRIOR_CAMPAIGN, WIDE
 from truing.report.diagnosis.findings import combination_words
 from truing.report.diagnosis.findings import detectable_words as in_words
 from truing.schemas.artifacts import ARTIFACTS
@@ -21,10 +21,10 @@ from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
-    from truing.inference.linear_problem import Contribution
     from truing.inference.search import Search
     from truing.inference.search_end import EndOfSearch
     from truing.inference.selection import CauseDiagnosis, Settings
+    from truing.inference.variance_sources import Contribution
     from truing.simulation.cause import Cause
 
 # Sources in words, by a model's name for the kind of unknowns.

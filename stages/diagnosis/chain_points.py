@@ -20,7 +20,7 @@ from truing.report.numbers import count_text
 from truing.schemas.verdict import Relation
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, JointsExchanged
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
-from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, foreign_share, likely_slip
+from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, foreign_misfit, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.measured_lines import fitted_places, lines_at, with_ground
@@ -323,7 +323,7 @@ def _started(
     """
     every = np.ones(len(conditions.readings), bool)
     start = start_of(every, conditions)
-    if start.rms <= max(foreign_share(start), tolerated):
+    if start.rms <= max(foreign_misfit(start), tolerated):
         return start, (), conditions
     slip = likely_slip(conditions, tree.is_revolute, start_of)
     certain = _certain(tree, slip, start)

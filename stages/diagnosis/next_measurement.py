@@ -21,9 +21,8 @@ from truing.estimation.design.rival_design import (
     narrowed,
 )
 from truing.inference.observations import Frames, Observations
-from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import approximate_duration, count_text, rough
-from truing.report.wordings.catalogue import cause_words, confirming, parameter_of_cause
+from truing.report.wordings.catalogue import cause_of_subject, confirming, parameter_of_cause
 from truing.report.wordings.claim import Advice, AdviceKind
 from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.artifacts import ARTIFACTS
@@ -339,10 +338,8 @@ def _separation_advice(plan: MeasurementPlan, proposal: Cause, other: Cause, leg
 
 def _cause_noun(cause: Cause, legs: int) -> str:
     """The noun of a cause with its subject and its inputs, for a sentence."""
-    subject_text, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
-    return (
-        f"{cause_words(cause.id)}{f' of {subject_text}' if subject_text else ''}{f' with {follows}' if follows else ''}"
-    )
+    follows = columns_words(cause.inputs(legs))
+    return f"{cause_of_subject(cause.id, cause.subject)}{f' with {follows}' if follows else ''}"
 
 
 def _confirming(cause: Cause, legs: int) -> Advice:

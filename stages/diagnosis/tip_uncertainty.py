@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, TableRow
 from truing.estimation.rotation import left_jacobian_so3, log_so3
-from truing.inference.linear_problem import Contribution
+from truing.inference.variance_sources import Contribution
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, extended_chain, predict_tip, tip_by_joints

@@ -67,7 +67,7 @@ def read_rays(
     """
     rows = collect_rows(source, IMAGE_POINTS, log, "pose")
     if rows is None or any(name not in rows.table.column_names for name in IMAGE_POINTS.required):
-        return None  # told when the file was read
+        return None  # reported when the file was read
     point, body, target = _names(rows, known.get("image_targets"))
     camera = _text(rows, "camera", ONE_CAMERA)
     _check_unique_point(rows, log, point)
@@ -101,12 +101,12 @@ def read_rays(
 def _names(collected: CollectedRows, targets: pa.Table | None) -> tuple[Names, Names, Names]:
     point, body, target = survey_names(_text(collected, "point"), targets)
     given_body, given_target = _text(collected, "body"), _text(collected, "target")
-    reported = given_target != ""
-    both = reported & (given_body != "")
+    has_target = given_target != ""
+    both = has_target & (given_body != "")
     joined = np.array([f"{b}/{t}" for b, t in zip(given_body, given_target, strict=True)], dtype=object)
-    named = np.where(both, joined, np.where(reported, given_target, point))
-    own_body = np.where(reported | (given_body != ""), given_body, body)
-    return named, own_body, np.where(reported, given_target, target)
+    named = np.where(both, joined, np.where(has_target, given_target, point))
+    own_body = np.where(has_target | (given_body != ""), given_body, body)
+    return named, own_body, np.where(has_target, given_target, target)
 
 
 def _text(collected: CollectedRows, name: str, otherwise: str = "") -> Names:

@@ -87,7 +87,7 @@ Each = Callable[
     [Callable[[Piece], "PhotographTargets | Unusable"], Sequence[Piece], Callable[[int], None]],
     Iterator["PhotographTargets | Unusable"],
 ]
-"""Does a work on every piece, in whatever processes, tells how many are done, and yields results in their order."""
+"""Apply a function to every piece in parallel, report the number done, and yield the results in order."""
 
 
 def read_photographs(

@@ -17,7 +17,7 @@ from truing.estimation.interferometry.recorded_steps import (
     at_reference_temperature,
     displacement_in_air,
     displacement_sigma,
-    less_growth,
+    without_frame_growth,
 )
 from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows
@@ -147,7 +147,7 @@ def _without_growth(
     """Readings of one channel's rows (N,) minus the expansion of its material since the start of each run."""
     celsius = numbers(collected, MATERIAL)
     read = _APART * _read_with(settings.surroundings_sigma)
-    less = less_growth(
+    less = without_frame_growth(
         reading[rows],
         _UM_PER_MM * growth.length_mm,
         growth.expansion_per_k,

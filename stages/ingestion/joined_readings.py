@@ -1,4 +1,4 @@
-"""Readings of an axis in another file than its commands: rows joined by their order, by pose or by time."""
+"""Readings of an axis that are in another file than its commands: rows joined by order, by pose or by time."""
 
 from __future__ import annotations
 
@@ -19,51 +19,51 @@ _KEY_COLUMNS = {"pose": "pose", "time": "time_s"}
 
 
 def with_joined_readings(rows: CollectedRows, source: CampaignFiles, log: FaultLog) -> tuple[CollectedRows, str]:
-    """Return the rows of an axis with the columns of [files.measured], and words on how they were joined; the rows as
-    they are without such a table.
+    """Return the rows of an axis with the columns of [files.measured], and a phrase on how they were joined.
 
-    Rows without a reading are left out and counted. By time, a row and a reading belong together if each is the nearest
-    to the other.
+    Without such a table, rows stay as they are and the phrase is empty. Rows without a reading are left out and
+    counted. By time, a row and a reading belong together if each is the nearest to the other.
     """
     readings = collect_rows(source, MEASURED_APART, log, "pose")
     if readings is None:
         return rows, ""
-    (way, *others) = {entry.joined_by for entry in source.entries(MEASURED_APART.name)}
-    taken = [name for name in readings.table.column_names if name not in ("pose", "time_s")]
-    if both := [name for name in taken if name in rows.table.column_names]:
+    (joined_by, *others) = {entry.joined_by for entry in source.entries(MEASURED_APART.name)}
+    columns = [name for name in readings.table.column_names if name not in ("pose", "time_s")]
+    if in_both := [name for name in columns if name in rows.table.column_names]:
         expected = "columns in one file: here, or in [files.measured]"
-        log.add(Fault(rows.first_file, expected, value=", ".join(both)))
-    if way is None or others:
+        log.add(Fault(rows.first_file, expected, value=", ".join(in_both)))
+    if joined_by is None or others:
         expected = f'how its rows belong to those of configurations: joined_by = "rows", or a key: {_KEYS}'
         log.add(Fault("campaign.toml", expected, column="files.measured"))
     if log:
         return rows, ""
-    place, apart = _places(rows, readings, way or "", source, log)
-    if not log and (place < 0).all():
+    reading_of_row, largest_apart = _places(rows, readings, joined_by or "", source, log)
+    if not log and (reading_of_row < 0).all():
         expected = f"rows that belong to those of {rows.first_file}"
-        log.add(Fault(readings.first_file, expected, column=_KEY_COLUMNS.get(way or "")))
+        log.add(Fault(readings.first_file, expected, column=_KEY_COLUMNS.get(joined_by or "")))
     if log:
         return rows, ""
-    words = f"readings of {int((place >= 0).sum()):,} of {count_text(len(place), 'row')} of commands"
-    words += f" ({count_text(len(readings.table), 'row')} of readings), joined {_WORDS[way or '']}{apart}"
-    return with_columns(rows, readings, place, taken, "commands without a reading"), words
+    words = f"readings of {int((reading_of_row >= 0).sum()):,} of {count_text(len(reading_of_row), 'row')} of commands"
+    words += f" ({count_text(len(readings.table), 'row')} of readings), joined {_WORDS[joined_by or '']}{largest_apart}"
+    return with_columns(rows, readings, reading_of_row, columns, "commands without a reading"), words
 
 
 def _places(
-    rows: CollectedRows, readings: CollectedRows, way: str, source: CampaignFiles, log: FaultLog
+    rows: CollectedRows, readings: CollectedRows, joined_by: str, source: CampaignFiles, log: FaultLog
 ) -> tuple[Index, str]:
-    """Return the reading of each row (N,), -1 for none, and words on the largest difference of joined times."""
-    if way == "rows":
+    """Return the index of the reading of each row (N,), -1 for none, and a phrase on the largest time difference."""
+    if joined_by == "rows":
         return by_order(rows, readings, _KEYS, log), ""
-    if way == "pose":
+    if joined_by == "pose":
         return by_key(rows, readings, ("pose",), "each pose once", log), ""
     check_clocks(rows, readings, source, ("configurations", MEASURED_APART.name), log)
     if log:
         return np.full(len(rows.table), -1), ""
-    place, about = by_time(rows, readings, log)
-    back, _ = by_time(readings, rows, log)
+    reading_of_row, about = by_time(rows, readings, log)
+    row_of_reading, _ = by_time(readings, rows, log)
     if log:
-        return place, ""
-    is_mutual = (place >= 0) & (back[place] == np.arange(len(place)))
-    apart = about.get("largest_apart_s")
-    return np.where(is_mutual, place, -1), "" if apart is None else f", at most {quantity(apart, 's')} apart"
+        return reading_of_row, ""
+    is_mutual = (reading_of_row >= 0) & (row_of_reading[reading_of_row] == np.arange(len(reading_of_row)))
+    largest = about.get("largest_apart_s")
+    phrase = "" if largest is None else f", at most {quantity(largest, 's')} apart"
+    return np.where(is_mutual, reading_of_row, -1), phrase

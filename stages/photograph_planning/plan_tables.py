@@ -123,7 +123,7 @@ def sentences(plan: PhotographPlan) -> list[str]:
     if 1e3 * known < 0.8 * plan.worst_mm:
         texts.append(f"With a camera that is calibrated beforehand it would be {1e3 * known:.2g} mm.")
     if not len(plan.planned.bars.bar):
-        texts.append("Nothing gives the scale: what is told here is the shape alone. Name scale_bars with their sigma.")
+        texts.append("Nothing gives the scale, so this holds for the shape alone. Name scale_bars with their sigma.")
     return texts
 
 

@@ -29,7 +29,7 @@ _WHENCE = (
     "for poses of a machine use truing design"
 )
 _NORMAL = ("normal_x", "normal_y", "normal_z")
-_NOMINAL = ("base", "platform")  # the bodies whose nominal places a mechanism tells
+_NOMINAL = ("base", "platform")  # the bodies whose nominal places a mechanism gives
 
 
 def planned_network(
@@ -93,7 +93,7 @@ def _targets(
         directions[moves] = directions[moves] @ reached.R.T
     layout = PlannedObject(points, directions, _diameters(settings, tables.get("image_targets"), rows_used))
     left_out = sorted({row["body"] for row in rows} - {row["body"] for row in rows_used})
-    statements = (f"Not planned for, because nothing tells where they are: {', '.join(left_out)}.",) if left_out else ()
+    statements = (f"Not planned for, because nothing gives their places: {', '.join(left_out)}.",) if left_out else ()
     return PlannedTargets(
         tuple(row["body"] for row in rows_used), tuple(row["target"] for row in rows_used), layout
     ), statements

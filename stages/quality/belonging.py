@@ -23,7 +23,8 @@ from truing.belonging.body_points import AsOtherBody, BodyPoints
 from truing.belonging.copied_poses import relate_copies
 from truing.belonging.drive_tests import DrivenBody, relate_drive
 from truing.belonging.reading_hypotheses import MeasuredMotion
-from truing.belonging.reading_tests import READINGS, ReadingNames, relate_readings
+from truing.belonging.reading_row_slips import ReadingNames
+from truing.belonging.reading_tests import READINGS, relate_readings
 from truing.belonging.relation import (
     RecordSlip,
     RelationState,

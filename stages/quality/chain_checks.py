@@ -27,7 +27,7 @@ from truing.simulation.mechanisms.chains.column_slips import (
     corrected_columns,
     does_not_belong,
     few_poses,
-    foreign_share,
+    foreign_misfit,
     half_turns_as_good,
     likely_slip,
 )
@@ -84,7 +84,7 @@ _MM = 1e-3
 _AS_LIKELY = 2.0
 # Share of the spread of the positions above which a misfit within tolerances says nothing: any readings leave as much.
 _UNTOLD = 0.5
-# Another link that leaves this share of the spread is told before slips of single columns are tried.
+# Another link that leaves this share of the spread is named before slips of single columns are tried.
 _SURE = 0.002
 
 
@@ -289,13 +289,13 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
     usable = without_lone_errors(everything, usable)
     compared = replace(compared, usable=usable)
     start = fit.start_of(usable, conditions)
-    limit = max(foreign_share(start), tolerated)
+    limit = max(foreign_misfit(start), tolerated)
     tested = RelationTest(JOINTS, RelationState.OK, "agrees", misfit=everything.rms / _MM, limit=limit / _MM, unit="mm")
     if in_poses is not None and in_poses.is_explained:
         return _failed(tested, in_poses.slips, in_poses.after)
     if start.rms <= limit:
         # Tolerances may allow more than the whole range of the poses.
-        if start.rms > foreign_share(start) and (units := list(units_within_tolerances(compared, fit, limit))):
+        if start.rms > foreign_misfit(start) and (units := list(units_within_tolerances(compared, fit, limit))):
             return _failed_as_a_whole(tested, units)
         if start.rms > _UNTOLD * start.spread:
             return _not_tested("tolerances")
@@ -392,7 +392,7 @@ def _comparison(compared: ComparedChain, fit: NominalFit, start: StartValues) ->
         [column.name for column in joint_columns(compared.tree, compared.table.schema.names)],
         [pair for pair, used in zip(zip(links, compared.names, strict=True), is_position, strict=True) if used],
         [str(pose) for pose, used in zip(conditions.poses, usable, strict=True) if used],
-        foreign_share(start),
+        foreign_misfit(start),
         errors_at,
     )
     return (

@@ -12,7 +12,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index, Mask
 from truing.belonging.joint_rows import changes_of_axes, slips_of_all, slips_of_lines
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
-from truing.simulation.mechanisms.chains.column_slips import does_not_belong, few_poses, foreign_share
+from truing.simulation.mechanisms.chains.column_slips import does_not_belong, few_poses, foreign_misfit
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.measured_lines import GROUND
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg
@@ -255,7 +255,7 @@ def moved_frame(compared: ComparedChain, fit: NominalFit) -> WholeSlip | None:
     if fit.reference is not None or conditions.series.any() or compared.measured.ends is not None:
         return None
     alone = fit.start_of(first, conditions)
-    limit = foreign_share(alone)
+    limit = foreign_misfit(alone)
     errors = fit.errors_at(alone, conditions, fit.values)[np.ix_(indices, fit.is_position)]
     size = np.sqrt(np.nanmean(np.sum(errors**2, -1), axis=1))
     agree = np.flatnonzero(size <= limit)

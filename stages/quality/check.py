@@ -130,3 +130,8 @@ def checks_installed(tables: Mapping[str, pa.Table], settings: Campaign) -> Iter
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     for installed_check in installed_checks(settings.campaign.kind).values():
         yield from cast(InstalledCheck, installed_check).checks(tables, settings, limits)
+
+
+def gross_error_count(gross: int, readings: int) -> str:
+    """Return the number of gross errors in words: ``1 of 186 readings is a gross error``."""
+    return f"{gross} of {readings} readings {'is a gross error' if gross == 1 else 'are gross errors'}"

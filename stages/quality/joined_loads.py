@@ -14,7 +14,7 @@ _SUBJECT = "signals"
 _SHIFTS = (-3, -2, -1, 1, 2, 3)
 _SPARE = 6  # least number of rows beyond the columns of the fit
 _BETTER = 0.5  # of the scatter as joined: that of another order, which is clearly better
-_AS_GOOD = 1.5  # times the scatter as joined: another order below that cannot be told from it
+_AS_GOOD = 1.5  # times the scatter as joined: below that, another order cannot be distinguished from it
 
 
 def joined_loads_check(steps: RecordedSteps, joined: pa.Table) -> Check:

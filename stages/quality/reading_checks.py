@@ -24,7 +24,16 @@ from truing.quality.load_responses import (
 )
 from truing.quality.loading import ChannelView, LoadingView, repeated_programmes
 from truing.report.numbers import count_text, in_suitable_unit, listed
-from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
+from truing.stages.quality.check import (
+    COUNTED,
+    FAIL,
+    PASS,
+    WARN,
+    CampaignLimits,
+    Check,
+    gross_error_count,
+    not_evaluated,
+)
 from truing.stages.quality.unit_slips import FAR, unit_slip
 
 _TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
@@ -129,7 +138,7 @@ def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits
     out = np.flatnonzero(~channel.fit.kept)
     share = len(out) / len(channel.rows)
     steps = view.places(channel.rows[out])
-    text = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are gross errors"
+    text = f"{channel.name}: {gross_error_count(len(out), len(channel.rows))}"
     text += f" ({listed(steps)})." if steps else "."
     return limits.of("gross-errors").row(f"channel {channel.name}", share, "1", text)
 

@@ -21,7 +21,7 @@ Figures = defaultdict[str, dict[str, float]]
 
 _FIGURE = ("figure", "subject", "value")
 _BEYOND = 5.0  # sigmas
-# Relative, by which lengths differ: what is warm grows less, and less than that is told bar by bar.
+# Relative difference of lengths: thermal growth is smaller, and smaller differences are reported bar by bar.
 _MATTERS = 5e-4
 _LEAST = 1e-9
 _SURVEY = "survey of "

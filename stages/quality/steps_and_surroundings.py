@@ -106,7 +106,7 @@ def load_range(view: LoadingView, loading: Loading, limits: CampaignLimits) -> I
         if full is None or allowed is None or largest[k] == 0.0:
             continue
         share = float(largest[k] / full)
-        text = f"{LOADS[k]}: loads go to {100.0 * share:.0f} % of the range."
+        text = f"{LOADS[k]}: the largest load is {100.0 * share:.0f} % of the range."
         if share > 1.0 + _ROUNDED:
             text += f" [loading] declares an overload test up to {100.0 * allowed / full:.0f} %."
         if enough.verdict(share) != PASS:

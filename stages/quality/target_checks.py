@@ -33,7 +33,7 @@ from truing.quality.bodies import (
 )
 from truing.report.numbers import count_text, listed
 from truing.stages.common.repeats import DECLARED
-from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, gross_error_count, not_evaluated
 from truing.stages.quality.unit_slips import FAR, unit_slip
 
 _EITHER_SIDE = 3  # poses before and after a step
@@ -127,9 +127,8 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
     poses = [pose for pose, is_framed in zip(body.points.poses, body.framed, strict=True) if is_framed]
-    text = (
-        f"{body.name}: {int(gross.sum())} of {seen} readings are gross errors{tail}{_since(poses, np.any(gross, 1))}."
-    )
+    count = gross_error_count(int(gross.sum()), seen)
+    text = f"{body.name}: {count}{tail}{_since(poses, np.any(gross, 1))}."
     yield limits.of("gross-errors").row(body.name, share, "1", text)
 
 

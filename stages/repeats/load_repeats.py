@@ -66,7 +66,7 @@ def _add_diagnosis(repeats: Repeats, tables: Mapping[str, pa.Table], steps: Reco
     }
     keys = zip(errors.column("run").to_pylist(), errors.column("step").to_pylist(), strict=True)
     row = np.array([index_of.get(key, -1) for key in keys])
-    place_of = {name: n for n, name in enumerate(CHANNELS)}  # signals are told by the linear model above
+    place_of = {name: n for n, name in enumerate(CHANNELS)}  # the linear model above has the signals
     channel = np.array([place_of.get(name, -1) for name in errors.column("channel").to_pylist()])
     is_repeat = (row >= 0) & (channel >= 0) & (np.asarray(errors.column("role").to_pylist(), object) != "verification")
     for model, column, spent in (

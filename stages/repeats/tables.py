@@ -58,32 +58,32 @@ class Repeats:
 
     def _add(self, repeated: Repeated, squares: Squares, declared: Array, p_equal: Array | None) -> None:
         lower, upper = squares.interval()
-        reported = np.flatnonzero(squares.freedom > 0)
-        if len(reported):
+        evaluated = np.flatnonzero(squares.freedom > 0)
+        if len(evaluated):
             self.repeats.add(
                 repeated=repeated.kind,
-                subject=[repeated.subjects[c] for c in reported],
-                pure_error=squares.sigma[reported],
-                lower=lower[reported],
-                upper=upper[reported],
-                declared_sigma=declared[reported],
-                unit=[repeated.units[c] for c in reported],
-                freedom_of_error=squares.freedom[reported],
+                subject=[repeated.subjects[c] for c in evaluated],
+                pure_error=squares.sigma[evaluated],
+                lower=lower[evaluated],
+                upper=upper[evaluated],
+                declared_sigma=declared[evaluated],
+                unit=[repeated.units[c] for c in evaluated],
+                freedom_of_error=squares.freedom[evaluated],
                 groups=len(self.groups),
                 told_by=self.how,
-                p_equal=None if p_equal is None else p_equal[reported],
+                p_equal=None if p_equal is None else p_equal[evaluated],
             )
 
     def add_fit(self, repeated: Repeated, model: str, lack_of_fit: LackOfFit) -> None:
         """Add a row per subject whose model residuals can be compared with pure error."""
-        reported = np.flatnonzero(np.isfinite(lack_of_fit.p_value))
-        if len(reported):
+        evaluated = np.flatnonzero(np.isfinite(lack_of_fit.p_value))
+        if len(evaluated):
             self.fits.add(
                 repeated=repeated.kind,
                 contender=model,
-                subject=[repeated.subjects[c] for c in reported],
-                f_ratio=lack_of_fit.ratio[reported],
-                freedom_of_fit=lack_of_fit.of_fit[reported],
-                freedom_of_error=lack_of_fit.of_error[reported],
-                p_value=lack_of_fit.p_value[reported],
+                subject=[repeated.subjects[c] for c in evaluated],
+                f_ratio=lack_of_fit.ratio[evaluated],
+                freedom_of_fit=lack_of_fit.of_fit[evaluated],
+                freedom_of_error=lack_of_fit.of_error[evaluated],
+                p_value=lack_of_fit.p_value[evaluated],
             )

@@ -64,9 +64,9 @@ def _displacement_rows(platform: PlatformPoses, out: Decided) -> Rows:
     np.add.at(used, cases.of_step, (is_observed & ~platform.curves.rejected).sum(1))
     np.add.at(rejected, cases.of_step, (platform.curves.rejected | out.readings).sum(1))
     known = np.isfinite(platform.value)
-    reported = np.where(known[:, :, None] & known[:, None] | np.eye(6, dtype=bool), platform.covariance, np.nan)
-    reported = np.where(np.isfinite(reported), reported, np.nan)
-    entries = {f"cov_{i}_{j}": reported[:, i, j] for i in range(6) for j in range(i, 6)}
+    covariance = np.where(known[:, :, None] & known[:, None] | np.eye(6, dtype=bool), platform.covariance, np.nan)
+    covariance = np.where(np.isfinite(covariance), covariance, np.nan)
+    entries = {f"cov_{i}_{j}": covariance[:, i, j] for i in range(6) for j in range(i, 6)}
     roles = {"role": np.where(cases.held_out, "verification", "calibration")} if cases.held_out.any() else {}
     rows.add(
         case=np.arange(1, len(cases.load) + 1),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
@@ -14,13 +14,14 @@ from truing.simulation.axis.causes import AxisCause
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.cause import Effect, Scene
 from truing.stages.common.axis_columns import AxisColumns
+from truing.stages.simulated_campaigns.plan_base import ModelPlan
 
 # Gross errors of readings, as a multiple of the noise.
 _GROSS_NOISE = 100.0
 
 
 @dataclass(frozen=True)
-class AxisPlan:
+class AxisPlan(ModelPlan):
     """Layout of a campaign of an axis, and the table that a simulated campaign of this layout fills.
 
     ``model`` has all B rows; ``sigma`` (K,) is the noise of each encoder, rad or m, ``is_observed`` (B, K) marks its
@@ -33,18 +34,6 @@ class AxisPlan:
     is_observed: Mask
     tables: Mapping[str, pa.Table]
     scene: Scene[AxisCause]
-    gross: float = 0.0
-
-    through: tuple[str, ...] = ()  # stages between what is drawn and the diagnosis
-
-    @property
-    def part_count(self) -> int:
-        """Number of parts that parameters are numbered by."""
-        return self.model.part_count
-
-    def with_gross(self, share: float) -> AxisPlan:
-        """The plan with a share of the readings grossly wrong."""
-        return replace(self, gross=share)
 
     def drawn(self, effects: Sequence[Effect[AxisCause]], rng: np.random.Generator) -> dict[str, pa.Table]:
         """The tables of a campaign drawn anew with effects hidden in it: the axis about its commands, and noise.

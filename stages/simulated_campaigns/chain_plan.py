@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -24,6 +24,7 @@ from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_tables import joint_readings
 from truing.stages.common.point_arrays import RECORDED_ANGLES, number_columns, positions
+from truing.stages.simulated_campaigns.plan_base import ModelPlan
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -127,7 +128,7 @@ def _identifier(table: pa.Table) -> str:
 
 
 @dataclass(frozen=True)
-class ChainPlan:
+class ChainPlan(ModelPlan):
     """Layout of a campaign of a chain, and the tables that a simulated campaign of this layout fills.
 
     ``epochs``: fitted poses and those held out, each with the covariance of its channels; ``scene``: input for
@@ -138,18 +139,6 @@ class ChainPlan:
     epochs: tuple[Epochs[ChainConditions], ...]
     tables: Mapping[str, pa.Table]
     scene: Scene[ChainCause]
-    gross: float = 0.0
-
-    through: tuple[str, ...] = ()  # stages between what is drawn and the diagnosis
-
-    @property
-    def part_count(self) -> int:
-        """Number of parts that parameters are numbered by."""
-        return self.model.part_count
-
-    def with_gross(self, share: float) -> ChainPlan:
-        """The plan with a share of the points grossly wrong."""
-        return replace(self, gross=share)
 
     def drawn(self, effects: Sequence[Effect[ChainCause]], rng: np.random.Generator) -> dict[str, pa.Table]:
         """The tables of a campaign drawn anew with effects hidden in it: true chain within tolerances, and noise.

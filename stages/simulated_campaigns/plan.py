@@ -26,6 +26,7 @@ from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
 from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.common.reading_arrays import load_steps
+from truing.stages.simulated_campaigns.plan_base import ModelPlan
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -225,7 +226,7 @@ def _with_points(table: pa.Table, points: NDArray) -> pa.Table:
 
 
 @dataclass(frozen=True)
-class ReadingPlan:
+class ReadingPlan(ModelPlan):
     """Layout of load steps, and the tables that a simulated campaign of this layout fills.
 
     ``scene``: input for candidate causes, as in the diagnosis.
@@ -235,18 +236,6 @@ class ReadingPlan:
     steps: RecordedSteps
     tables: Mapping[str, pa.Table]
     scene: Scene
-    gross: float = 0.0
-
-    through: tuple[str, ...] = ()  # stages between what is drawn and the diagnosis
-
-    @property
-    def part_count(self) -> int:
-        """Number of parts that parameters are numbered by."""
-        return self.model.part_count
-
-    def with_gross(self, share: float) -> ReadingPlan:
-        """The plan with a share of the readings grossly wrong."""
-        return replace(self, gross=share)
 
     def drawn(self, effects: Sequence[Effect], rng: np.random.Generator) -> dict[str, pa.Table]:
         """The tables of a campaign drawn anew with effects hidden in it."""

@@ -15,7 +15,7 @@ from truing.belonging.body_points import BodyPoints
 from truing.belonging.copied_poses import relate_copies as copies
 from truing.belonging.evidence import log_evidence, physics
 from truing.belonging.reading_hypotheses import MeasuredMotion
-from truing.belonging.reading_tests import ReadingNames
+from truing.belonging.reading_row_slips import ReadingNames
 from truing.belonging.reading_tests import relate_readings as relations
 from truing.belonging.relation import RelationState, SlipKind
 from truing.belonging.target_names import NamedTargets

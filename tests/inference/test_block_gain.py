@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from tests.inference import toy_campaign as toy
 from truing.inference.block_gain import BlockGain, block_gain
 from truing.inference.blocks import BlockKind, EpochBlocks
-from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
+from truing.inference.linear_problem import Whitened, whiten
+from truing.inference.linearised_model import LinearisedModel
 
 TEMPLATE = toy.TEMPLATE
 POSES, ROWS = TEMPLATE.residual.shape

@@ -11,7 +11,8 @@ from tests.inference import toy_campaign as toy
 from truing.estimation.rotation import exp_so3
 from truing.inference.adequacy import Adequacy, MisfitKind, WhyUntested, by_region, pure_error
 from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
-from truing.inference.linear_problem import LinearisedModel, whiten
+from truing.inference.linear_problem import whiten
+from truing.inference.linearised_model import LinearisedModel
 from truing.inference.observations import Frames
 
 # Eight commands, each given three times; what repeats share is where they are.

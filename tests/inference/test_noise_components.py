@@ -25,20 +25,20 @@ def ratios(points: float, readings: float, campaigns: int = 40) -> tuple[float, 
     return float(np.mean([f[0] for f in found])), float(np.mean([f[1] for f in found]))
 
 
-def test_noise_as_declared_is_left_as_it_is() -> None:
+def test_noise_as_declared_is_kept() -> None:
     points, readings = ratios(1.0, 1.0)
     assert_between(points, 0.96, 1.04)
     assert_between(readings, 0.96, 1.04)
 
 
-def test_noise_larger_than_declared_is_learned_up_to_what_is_taken_to_be_known() -> None:
-    """The declared level counts as 50 observations: with some 200 of points, four fifths of the way and more."""
+def test_larger_noise_is_estimated_up_to_the_weight_of_the_declared_noise() -> None:
+    """The declared noise counts as 50 observations, so some 200 observations give four fifths of the difference."""
     points, readings = ratios(1.3, 1.3)
     assert_between(points, 1.18, 1.32)
     assert_between(readings, 1.06, 1.32)
 
 
-def test_noise_is_larger_along_the_axis_along_which_it_is() -> None:
+def test_noise_is_estimated_along_each_axis() -> None:
     rng, uneven = np.random.default_rng(4), np.tile([1.0, 1.0, 2.0], toy.POINTS)
     template = toy.TEMPLATE
     noise = rng.normal(size=template.residual.shape) * uneven
@@ -46,7 +46,7 @@ def test_noise_is_larger_along_the_axis_along_which_it_is() -> None:
     assert found[2, 2] > 2.0 * max(found[0, 0], found[1, 1])
 
 
-def test_an_effect_on_one_target_counts_less_than_its_squares() -> None:
+def test_an_effect_on_one_target_hardly_enlarges_its_noise() -> None:
     moved = np.zeros((toy.POSES, toy.POINTS, 3))
     moved[18:, 2] = 20.0
     whitened = toy.measured(np.random.default_rng(6), moved.reshape(toy.POSES, -1))
@@ -55,13 +55,13 @@ def test_an_effect_on_one_target_counts_less_than_its_squares() -> None:
     assert np.trace(reported[0, 5]) / 3 < 0.5 * plain.observed_total / plain.observed
 
 
-def test_components_count_what_was_declared() -> None:
+def test_components_include_the_declared_observations() -> None:
     found = components(toy.measured(np.random.default_rng(7)), 3 * toy.POINTS, toy.READINGS)
     assert min(found.observed, found.inputs) > 50
     assert found.without(0.0, 1, 1.0) == found.inputs_total / found.inputs * found.inputs / (found.inputs - 1)
 
 
-def test_noise_without_each_of_several_effects_is_that_without_this_one_alone() -> None:
+def test_noise_without_several_effects_equals_noise_without_each_alone() -> None:
     found = components(toy.measured(np.random.default_rng(8)), 3 * toy.POINTS, toy.READINGS)
     squares, shares = np.array([0.0, 7.5, 1e9]), np.array([0.0, 0.3, 1.0])
     alone = [found.without(float(s), 2, float(share)) for s, share in zip(squares, shares, strict=True)]

@@ -11,7 +11,8 @@ from scipy.stats import chi2
 
 from tests.tolerance import assert_between
 from truing.inference.doubts import of_larger_noise
-from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
+from truing.inference.linear_problem import Whitened, whiten
+from truing.inference.linearised_model import LinearisedModel
 from truing.inference.noise import NoiseLevel, noise_level
 from truing.inference.observations import Observations
 

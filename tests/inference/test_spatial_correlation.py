@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
+from truing.inference.linear_problem import Whitened, whiten
+from truing.inference.linearised_model import LinearisedModel
 from truing.inference.spatial_correlation import SpatialCorrelation, has_neighbours, spatial_correlation
 
 EPOCHS, PLACES = 30, 32

@@ -9,8 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
-from truing.inference.linear_problem import LinearisedModel, Whitened, columns_of, rows_by_source, whiten
+from truing.inference.linear_problem import Whitened, whiten
+from truing.inference.linearised_model import LinearisedModel, columns_of
 from truing.inference.shared_rows import SharedRows
+from truing.inference.variance_sources import rows_by_source
 
 POSES, ROWS, LOCAL, SHARED, EXTRA = 5, 12, 3, 4, 2
 

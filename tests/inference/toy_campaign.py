@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.channel_signatures import channel_signatures, rotated_channels
-from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
+from truing.inference.linear_problem import Whitened, whiten
+from truing.inference.linearised_model import LinearisedModel
 from truing.inference.noise import components
 from truing.inference.observations import Frames, Observations
 from truing.inference.search import CauseCandidate, ChannelFamily, Search

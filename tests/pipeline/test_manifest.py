@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from truing.pipeline.manifest import Entry, MadeFrom, Manifest, Owner, read_manifest
+from truing.pipeline.manifest import Entry, Manifest, Owner, StageInputs, read_manifest
 
-MADE_FROM = MadeFrom("c", {"a.py": "1\n2"}, {"noise": {"point_mm": 0.005}}, {"survey": None}, {"points.csv": "ä"})
+MADE_FROM = StageInputs("c", {"a.py": "1\n2"}, {"noise": {"point_mm": 0.005}}, {"survey": None}, {"points.csv": "ä"})
 OWNER = Owner('a "name"', "campaign.toml", "3", "runs")
 
 

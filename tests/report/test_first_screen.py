@@ -24,7 +24,7 @@ from truing.report.measured_section import campaign_span
 from truing.report.numbers import plain
 from truing.report.page import CampaignFacts, Depth, RawFileFacts, ReportSection, all_of
 from truing.report.rendering.render import render_page
-from truing.report.scene.machine_drawing import _apart, machine_drawing
+from truing.report.scene.machine_drawing import _placed_labels, machine_drawing
 from truing.report.section_verdict import verdict_rows
 from truing.report.sections import build_sections, section_names
 from truing.report.similar_numbers_section import alike
@@ -198,8 +198,8 @@ def test_a_letter_stands_beside_lines_where_there_is_space() -> None:
     """A line leads to the right of the point, on the side away from its middle: the letter goes elsewhere."""
     drawn = np.stack([np.linspace(100.0, 200.0, 200), np.full(200, 100.0)], axis=1)
     text = ("z base", np.array([100.0, 100.0]), np.array([50.0, 100.0]))
-    ((_, x, y),) = _apart([text], np.empty((0, 2)))
-    ((_, u, v),) = _apart([text], drawn)
+    ((_, x, y),) = _placed_labels([text], np.empty((0, 2)))
+    ((_, u, v),) = _placed_labels([text], drawn)
     assert (x > 100.0, abs(y - 100.0) < 5.0) == (True, True)
     box = np.array([[u - 15.0, v - 9.0], [u + 15.0, v + 1.0]])
     assert not ((drawn > box[0]) & (drawn < box[1])).all(axis=1).any()

@@ -15,7 +15,7 @@ from tests.sentences import assert_says
 from truing.inference.selection import CauseDiagnosis
 from truing.schemas.campaign import read_campaign
 from truing.schemas.settings_text import parsed_toml
-from truing.stages.common.approaches import axis_of_approaches, has_approaches_alone, noise_mm
+from truing.stages.common.approaches import axis_of_approaches, has_only_approaches, noise_mm
 from truing.stages.diagnosis.search import assembled_data, cause_faults, decided
 
 SETTINGS = """
@@ -173,9 +173,9 @@ def test_a_cause_of_an_axis_can_be_ignored() -> None:
 
 def test_positions_beside_readings_are_no_axis_alone() -> None:
     table = Axis().measured(np.random.default_rng(1))
-    assert has_approaches_alone({"positions": table})
-    assert not has_approaches_alone({"positions": table, "readings": table})
-    assert not has_approaches_alone({"readings": table})
+    assert has_only_approaches({"positions": table})
+    assert not has_only_approaches({"positions": table, "readings": table})
+    assert not has_only_approaches({"readings": table})
 
 
 def test_settings_of_an_axis_survive_pickle_and_copy() -> None:

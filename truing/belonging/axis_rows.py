@@ -82,11 +82,12 @@ def slip_of_rows(command: Array, reading: Array, ratio: float, units: Mapping[st
 
 
 def copied_stretch(command: Array, reading: Array) -> tuple[int, int, int] | None:
-    """Return first row, first row of the copy, and length of the longest stretch of readings (N,) that return in every
-    digit further down, beyond chance; None where there is none.
+    """Return first row, first row of the copy, and length of the longest copied stretch of readings (N,); None if none
+    is longer than chance explains.
 
-    Chance is how often other rows of the same command (N,) and direction return their reading, or, where there are
-    none, rows of any command. Only the first rows of a long recording are compared.
+    A copy agrees in every digit. Chance is the share of other rows of the same command (N,) and direction that repeat
+    their reading. Where there are no such rows, it is that of rows of any command. Only the first rows of a long
+    recording are compared.
     """
     command, reading = command[:_MOST_COMPARED], reading[:_MOST_COMPARED]
     equal = [reading[lag:] == reading[:-lag] for lag in range(1, len(reading))]

@@ -89,8 +89,8 @@ def with_described(
         for relation, (before, after) in sizes.items()
         if before > _CONTRADICTS
     ]
-    told = {test.relation for test in named}
-    return (*named, *(test for test in tests if test.relation not in told))
+    named_relations = {test.relation for test in named}
+    return (*named, *(test for test in tests if test.relation not in named_relations))
 
 
 def _predicts_as_much(other: DescribedBench, known: KnownBench) -> bool:

@@ -1,7 +1,7 @@
-"""Factors between units that are too near to one for a slip to stand out from other stiffnesses by its size alone.
+"""Wrong units of loads or readings, recognised by a known factor that a whole group of responses has exactly.
 
-A unit multiplies a whole group of responses by the same known factor, and leaves the others as they are. Stiffnesses
-that are wrong do not.
+The factor may be near one, as of lbf ft and N m, so that its size alone could be a wrong stiffness. But a wrong
+stiffness does not change a whole group by one factor and leave all other responses as they are.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, SlipKind
 
 _WIDTH, _PART = 0.1, 0.2  # largest deviation from a factor, as a logarithm, and as a share of the factor's own
-_NEAR, _FAR = 0.2, 0.6  # logarithms: a factor nearer to one is a stiffness; one farther off may stand alone
-_FEWEST, _FEWEST_OTHERS = 3, 2  # pairs of a column and an axis that the group has, and that agree as recorded
+# Logarithms: a factor nearer to one may be a stiffness; one farther off may concern a single response.
+_NEAR, _FAR = 0.2, 0.6
+_FEWEST, _FEWEST_OTHERS = 3, 2  # responses (column and load axis) of the group, and others that are as expected
 
 
 @dataclass(frozen=True)

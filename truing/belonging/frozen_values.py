@@ -83,7 +83,7 @@ def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
 
 def _noise_of_run(load: Array, value: Array) -> float:
     """Return the noise of a run's values (N,): from neighbours by their loads (N, 6), or, at one load, by their order;
-    NaN where neither tells it."""
+    NaN where neither gives it."""
     if np.ptp(load, axis=0).any() or len(value) < _FEWEST:
         return float(noise_of_neighbours(load, value[:, None])[0])
     return float(np.std(np.diff(value)) / np.sqrt(2.0))

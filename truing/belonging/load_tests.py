@@ -40,7 +40,7 @@ _STIFFNESS = "stiffness in [mechanism]"
 MILLIVOLT = 1e-3
 _UNTESTED = RelationState.NOT_TESTED
 _LEFT_BY_TWO = 0.25  # share of the expected responses that two slips may leave as misfit
-_AS_GOOD = 1.5  # times the misfit of what signals alone tell, that the slip told by readings may leave
+_AS_GOOD = 1.5  # times the misfit by signals alone that a slip found in readings may leave
 _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truing.arrays import Array, Mask
-from truing.belonging.relation import RecordSlip, SlipKind
+from truing.belonging.relation import RecordSlip, RotationForm
 from truing.belonging.rotation_writing import (
     INVERTED,
-    MEASURED,
     WrittenRotations,
     otherwise_written,
+    rotation_slip,
     written_otherwise_in_part,
 )
 from truing.belonging.slips_in_rows import Agreement, slipped_rows
@@ -32,7 +32,6 @@ _ROUNDS, _MOST_ROUNDS, _MOST_POSES = 40, 2000, 200  # slow where orientations sp
 _FAR, _MOST_STRAY = 5.0, 0.1  # typical misfits beyond which a row is stray, and the largest share of such rows
 _ALIKE = 4.0  # traces of rotations from pose to pose that differ by more times the limit, rad, are of other rotations
 _POSITIONS, _POSES = "measured positions", "measured poses"
-_BODY_AXES, _OF_INVERSE = "body axes", "of the inverse"
 _TURNED = 0.35  # rad: frames that differ by less do so by wrong zeros, by more through a slip
 # Rows that agree: fewest, least share, stretches and random draws that are tried, with their sizes.
 _FEWEST_AGREE, _LEAST_SHARE, _STRETCHES, _FEWEST_DRAWN, _MOST_FITTED = 6, 0.2, 12, 4, 30
@@ -112,8 +111,8 @@ def _of_all(
     alike = [(slip, _missed(other, base, near)) for after, slip, other, base in misfits if after <= 2.0 * least]
     nearest = min((missed for _, missed in alike), default=0.0)
     slips = tuple(slip for slip, missed in alike if missed <= 2.0 * nearest)
-    whole = _slip("inverse", _POSES)
-    if near is not None and slips and slips[0].subjects and slips[0].subjects[0] in INVERTED:
+    whole = rotation_slip(RotationForm.INVERSE, quantity=_POSES)
+    if near is not None and slips and slips[0].form in INVERTED:
         inverse = np.swapaxes(measured, -1, -2)
         if _is_placed(links, near[0], -np.einsum("bij,bj->bi", inverse, near[1])) and not _is_placed(links, *near):
             slips = (whole,)
@@ -150,7 +149,7 @@ def _in_some_rows(
     if positions is not None:
         right, inverted = _missed_in_rows(links, written.R, frames, near, positions, rows[0])
         if inverted < _EXPLAINED * right:
-            slips = (_slip("inverse", _POSES),)
+            slips = (rotation_slip(RotationForm.INVERSE, quantity=_POSES),)
         elif right > _FAR * _missed_in_rows(links, written.R, frames, near, positions, near)[0]:
             return None
     before = _rms(away)
@@ -248,11 +247,12 @@ def _placed_misfit(
     missed = _missed_angle(base, links, measured)
     if alone > _FOREIGN * _about_mean(seen):
         turned = np.einsum("bij,bj->bi", measured, seen)
-        for name, places in ((_BODY_AXES, turned), (_OF_INVERSE, -turned)):
+        for form, places in ((RotationForm.BODY_AXES, turned), (RotationForm.OF_INVERSE, -turned)):
             base, alone = _alone(links, by_chain, places)
             after = _missed_angle(base, links, measured)
             if alone < _EXPLAINED * _FOREIGN * _about_mean(places) and after < _TURNED:
-                return replace(turning, slips=(_slip(name, _POSITIONS),), apart=missed, apart_after=after)
+                slip = rotation_slip(form, quantity=_POSITIONS)
+                return replace(turning, slips=(slip,), apart=missed, apart_after=after)
         return turning
     if missed < _TURNED:
         return turning
@@ -301,13 +301,9 @@ def _alone(links: NDArray, by_chain: NDArray, seen: NDArray) -> tuple[Array, flo
 def _cycled(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
     """Yield orientations (B, 3, 3) whose components along x, y and z were moved on by one, or by two."""
     if euler is None:
-        for written, shift in (("components yzx", 1), ("components zxy", 2)):
+        for axes, shift in (("yzx", 1), ("zxy", 2)):
             order = np.roll(np.eye(3), shift, axis=0)
-            yield _slip(written), order @ measured @ order.T
-
-
-def _slip(written: str, quantity: str = MEASURED) -> RecordSlip:
-    return RecordSlip(SlipKind.ROTATION, quantity, (written,))
+            yield rotation_slip(RotationForm.AXES, axes), order @ measured @ order.T
 
 
 def _missed(measured: NDArray, base: Array, positions: tuple[NDArray, NDArray] | None) -> float:

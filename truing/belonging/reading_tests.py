@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import chain
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,56 +10,45 @@ from truing.arrays import Array, Index
 from truing.belonging.clock_lag import Courses, clock_lag
 from truing.belonging.reading_hypotheses import (
     PENALTY,
-    Description,
     MeasuredMotion,
     RecordingHypothesis,
-    best_recording,
     descriptions,
     finite_required_readings,
-    joint_descriptions,
     physical_effects,
 )
-from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
-from truing.belonging.slips_in_rows import (
-    RowOrder,
-    agreement,
-    best_order,
-    copied_columns,
-    rounded_to,
-    rounding,
-    row_places,
-    slipped_rows,
-    stray_readings,
+from truing.belonging.reading_row_slips import (
+    MOVED,
+    ReadingNames,
+    frozen_readings,
+    row_slips,
+    stray_readings_by_name,
+    stray_slips,
 )
+from truing.belonging.reading_search import (
+    APART,
+    CLEAR,
+    SlipSearch,
+    likely_recordings,
+    misfit_before_after,
+    misfit_in_order,
+    rival_slips,
+    rms,
+    search_slips,
+)
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
+from truing.belonging.slips_in_rows import agreement, copied_columns, rounded_to, rounding, row_places, slipped_rows
 from truing.simulation.mechanisms.legs.kinematics import closure_rows, upper_joints
 
 READINGS, LEGS = "readings-against-poses", "legs-regular"
-_APART = 0.5  # misfit over the required movement that no error of the geometry explains
 _NOTED = 0.2
-_MOVED = 10.0  # least movement of a leg for a comparison, in sigmas of a reading
-_AS_LIKELY = 10.0  # log evidence within which two explanations are indistinguishable
-_CLEAR = 50.0  # log evidence by which a slip must win
 _MOST_SLIPS = 2  # more slips together would explain any data
-_HALVES = 0.5  # largest share of the misfit that may remain after a slip is undone
 _LEAST_POSES = 3
-_MOST_POSES = 240  # most poses for hypotheses about columns and the description; rows are tested in all poses
+_SINGLE = 3  # number of stray readings above which a part of the table is tested first
 _TOLERATED = 4.0  # sigmas of an offset by the declared tolerances
 _STRAIGHT = 0.05  # rad between directions of parallel legs
 _SAME_M = 1e-6  # distance of joints that are the same
 _SINGULAR = 1e-4  # least ratio of singular values of the legs' rows, with arms in units of their rms
-_MOSTLY = 0.7  # share of the rows that moved
-_SINGLE = 3  # number of stray readings above which a part of the table is tested first
 _FREE_NUMBERS = 12  # least degrees of freedom after the fit of physics for a test of rounding
-_FROZEN = 4  # fewest equal readings in successive rows
-
-
-@dataclass(frozen=True)
-class ReadingNames:
-    """Names of the columns of readings (L) and of the poses (B), and columns that group poses with their values."""
-
-    columns: tuple[str, ...]
-    poses: tuple[str, ...]
-    groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 def relate_readings(motion: MeasuredMotion, names: ReadingNames) -> tuple[RelationTest, ...]:
@@ -116,32 +103,30 @@ def _first_equal_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
 
 def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
     required = next(descriptions(motion)).required_readings()
-    search = _search(motion)
+    search = search_slips(motion)
     misfit, moved, legs = _plain_misfit(motion, required)
     comparable = np.isfinite(misfit)
-    base = RelationTest(
-        READINGS, RelationState.OK, "agrees", "", misfit, None, _APART * moved, "mm", tried=search.tried
-    )
+    base = RelationTest(READINGS, RelationState.OK, "agrees", "", misfit, None, APART * moved, "mm", tried=search.tried)
     if not comparable:
         base = replace(
             base, state=RelationState.FAILS, reason="unreached", misfit=float(len(required)), limit=None, unit="1"
         )
     if explained := _explained(search, motion, names, base):
-        is_whole = 1e-3 * (explained.misfit_explained or 0.0) <= _MOVED * motion.noise
+        is_whole = 1e-3 * (explained.misfit_explained or 0.0) <= MOVED * motion.noise
         return explained if is_whole else _test_joints(motion, names, base) or explained
     if zero := _other_zero(motion, required):
         return replace(base, state=RelationState.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
-    if frozen := _frozen(motion, required, names):  # a wrong description asks readings to move that do not
+    if frozen := frozen_readings(motion, required, names):  # a wrong description asks readings to move that do not
         failed = replace(base, state=RelationState.FAILS, reason="slip", slips=frozen)
         return _test_joints(motion, names, base) or failed
     if not comparable:
         return _test_joints(motion, names, base) or base
-    if moved <= 1e3 * _MOVED * motion.noise:
+    if moved <= 1e3 * MOVED * motion.noise:
         return replace(base, state=RelationState.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
-    if strays := _single_slips(motion, required, names):
-        stray = replace(base, state=RelationState.FAILS, reason="slip", slips=tuple(_stray_slips(strays, names)))
+    if strays := stray_readings_by_name(motion, required, names):
+        stray = replace(base, state=RelationState.FAILS, reason="slip", slips=tuple(stray_slips(strays, names)))
         return (_test_of_part(motion, required, names, base) or stray) if len(strays) > _SINGLE else stray
-    if misfit > _APART * moved or len(legs):
+    if misfit > APART * moved or len(legs):
         return (
             _test_of_part(motion, required, names, base)
             or _test_joints(motion, names, base)
@@ -153,17 +138,19 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
     )
 
 
-def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
+def _explained(
+    search: SlipSearch, motion: MeasuredMotion, names: ReadingNames, base: RelationTest
+) -> RelationTest | None:
     """Return the result if slips in all rows explain the data."""
-    slips = (*search.intended.slips(names.columns, motion.readings), *_row_slips(search.order, names))
+    slips = (*search.intended.slips(names.columns, motion.readings), *row_slips(search.order, names))
     if not 0 < len(slips) <= _MOST_SLIPS:
         return None
-    sizes = _halved(search.plain.misfit, _reordered(search.intended, search.order), motion.noise)
+    sizes = misfit_before_after(search.plain.misfit, misfit_in_order(search.intended, search.order), motion.noise)
     before, after = (1e3 * size for size in sizes)
     explained = replace(
         base, state=RelationState.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm"
     )
-    return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
+    return replace(explained, slips=slips, rivals=rival_slips(search, names, motion, slips))
 
 
 def _slip_of_joints(motion: MeasuredMotion, names: ReadingNames) -> RelationTest | None:
@@ -178,8 +165,8 @@ def _test_joints(motion: MeasuredMotion, names: ReadingNames, base: RelationTest
     """Return the result if a slip in the joints of few legs, or of one side, explains the data."""
     if copied_columns(motion.readings):  # a leg that reads as its mirror image does is no mirrored leg
         return None
-    search = _search(motion, of_joints=True)
-    if not search.intended.description.slips or _row_slips(search.order, names):
+    search = search_slips(motion, of_joints=True)
+    if not search.intended.description.slips or row_slips(search.order, names):
         return None
     return _explained(search, motion, names, replace(base, tried=search.tried))
 
@@ -194,7 +181,7 @@ def _test_of_part(
     if agreed is None:
         return None
     part = subset.subset(agreed.apart)
-    for intended in _likely(_search(part)):
+    for intended in likely_recordings(search_slips(part)):
         slips = [slip for slip in intended.slips(names.columns, part.readings) if slip.kind is not SlipKind.ZERO]
         undone = intended.undone(subset.readings)
         rows = slipped_rows(undone, wanted, agreed)
@@ -203,7 +190,7 @@ def _test_of_part(
             where = row_places(*rows, [names.poses[row] for row in reachable.tolist()], groups)
             residual = np.where(rows[0][:, None], undone, subset.readings) - wanted
             found = tuple(_with_named_rows(slip, tuple(where)) for slip in slips)
-            after = 1e3 * _rms(residual - residual.mean(axis=0))
+            after = 1e3 * rms(residual - residual.mean(axis=0))
             return replace(
                 base, state=RelationState.FAILS, reason="slip", unit="mm", misfit_explained=after, slips=found
             )
@@ -213,14 +200,6 @@ def _test_of_part(
 def _with_named_rows(slip: RecordSlip, where: tuple[str, ...]) -> RecordSlip:
     """Return a slip with the rows that it concerns before a long list of columns, which sentences cut short."""
     return replace(slip, subjects=(*where, *slip.subjects) if len(slip.subjects) > 2 else (*slip.subjects, *where))
-
-
-def _likely(search: _Found) -> list[RecordingHypothesis]:
-    """Return possible intended readings in some rows, the most likely first. The rest of the table decides between
-    them, because it determines the geometry far better than tolerances do."""
-    least = search.plain.evidence + _AS_LIKELY
-    likely = [one for one in (search.intended, *search.rivals) if one.evidence > least and not one.description.slips]
-    return sorted(likely, key=lambda hypothesis: -hypothesis.evidence)
 
 
 def _without_name(
@@ -239,15 +218,17 @@ def _without_name(
         return failed
     measured_motion = motion.chosen_columns(legs)
     misfit, moved, _ = _plain_misfit(measured_motion, required[:, legs])
-    return replace(failed, subject=" ".join(names.columns[leg] for leg in legs), misfit=misfit, limit=_APART * moved)
+    return replace(failed, subject=" ".join(names.columns[leg] for leg in legs), misfit=misfit, limit=APART * moved)
 
 
-def _agreement_test(motion: MeasuredMotion, search: _Found, names: ReadingNames, base: RelationTest) -> RelationTest:
+def _agreement_test(
+    motion: MeasuredMotion, search: SlipSearch, names: ReadingNames, base: RelationTest
+) -> RelationTest:
     """Return the result if readings and poses agree within what a calibration explains."""
     if late := _late(motion, base):
         return late
     hidden = _hidden(motion, search.plain, names)
-    misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / _APART
+    misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / APART
     if misfit <= _NOTED * moved:
         step = rounding(motion.readings, _calibrated_misfit(motion), motion.noise)
         return replace(base, hidden=hidden) if step is None else _rounded(base, step, motion.noise)
@@ -297,31 +278,9 @@ def _late(motion: MeasuredMotion, base: RelationTest) -> RelationTest | None:
     if lag is None:
         return None
     slip = RecordSlip(SlipKind.LATE, "readings", offset=lag.seconds)
-    size = 1e3 * abs(lag.seconds) * _rms(courses.rate)
+    size = 1e3 * abs(lag.seconds) * rms(courses.rate)
     late = replace(base, state=RelationState.ATTENTION, reason="late", misfit=size, unit="mm", slips=(slip,))
     return replace(late, state=RelationState.FAILS, reason="slip") if lag.is_clear else late
-
-
-def _single_slips(motion: MeasuredMotion, required: Array, names: ReadingNames) -> list[tuple[str, str]]:
-    """Return the pose and the column of single readings that do not belong to their pose."""
-    determined = np.isfinite(required).all(axis=1)
-    at = np.flatnonzero(determined)
-    readings = stray_readings(motion.readings[determined], required[determined], motion.noise)
-    return [(names.poses[at[row]], names.columns[leg]) for row, leg in readings.tolist()]
-
-
-def _stray_slips(strays: list[tuple[str, str]], names: ReadingNames) -> Iterator[RecordSlip]:
-    """Yield the slip of poses of which most columns are stray, as the pose itself may be wrong; and of single
-    readings."""
-    poses = [pose for pose, _ in strays]
-    poses_all_wrong = [pose for pose in dict.fromkeys(poses) if poses.count(pose) > 0.5 * len(names.columns)]
-    cells = tuple(f"{column} in pose {pose}" for pose, column in strays if pose not in poses_all_wrong)
-    if poses_all_wrong:
-        yield RecordSlip(
-            SlipKind.STRAY, "readings or measured position of", tuple(f"pose {pose}" for pose in poses_all_wrong)
-        )
-    if cells:
-        yield RecordSlip(SlipKind.STRAY, "readings", cells)
 
 
 def _plain_misfit(motion: MeasuredMotion, required: Array) -> tuple[float, float, Index]:
@@ -335,122 +294,8 @@ def _plain_misfit(motion: MeasuredMotion, required: Array) -> tuple[float, float
     ]  # sorted, so that sums do not depend on the order of the rows in their last digits
     wanted, read = (values[rows_known] - values[rows_known].mean(axis=0) for values in (required, motion.readings))
     misfit, moved = np.sqrt(np.mean((read - wanted) ** 2, axis=0)), np.sqrt(np.mean(wanted**2, axis=0))
-    wrong = (misfit > _APART * moved) & (moved > _MOVED * motion.noise)
-    return 1e3 * _rms(read - wanted), 1e3 * _rms(wanted), np.flatnonzero(wrong)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Readings as recorded, as most likely intended (in all poses), the order of rows, and the number of hypotheses
-    tried."""
-
-    plain: RecordingHypothesis
-    intended: RecordingHypothesis
-    order: RowOrder
-    tried: int
-    rivals: tuple[RecordingHypothesis, ...]
-
-
-def _search(motion: MeasuredMotion, *, of_joints: bool = False) -> _Found:
-    """Return the result for the mechanism as described and its slips; ``of_joints``: also those of few joints."""
-    step = -(-len(motion.p) // _MOST_POSES)
-    thin, tried = motion.every_nth(step), 0
-    scored: list[tuple[RecordingHypothesis, Description]] = []
-    plain = None
-    for description in chain(descriptions(motion), joint_descriptions(motion) if of_joints else ()):
-        hypothesis, intended, count = best_recording(thin, description.every_nth(step), exchanged=False)
-        plain = plain or hypothesis
-        scored.append((intended, description))
-        tried += count
-    assert plain is not None  # the description as recorded is always among them
-    ahead = max(scored, key=lambda scored_row: scored_row[0].evidence)
-    for description in {id(description_of): description_of for description_of in (scored[0][1], ahead[1])}.values():
-        _, intended, count = best_recording(thin, description.every_nth(step), exchanged=True)
-        scored.append((intended, description))
-        tried += count
-    best, description = max(scored, key=lambda pair: pair[0].evidence)
-    if not _explains_enough(plain, best, motion.noise):
-        best, description = plain, scored[0][1]
-    near = [_score_all_rows(motion, one, about) for one, about in scored if best.evidence - one.evidence < _AS_LIKELY]
-    intended = _score_all_rows(motion, best, description)
-    required = finite_required_readings(description)
-    return _Found(plain, intended, best_order(intended.misfit + required, required, motion.noise), tried, tuple(near))
-
-
-def _score_all_rows(
-    motion: MeasuredMotion, hypothesis: RecordingHypothesis, description: Description
-) -> RecordingHypothesis:
-    """Return a hypothesis that was chosen on some of the poses, for all of them."""
-    required = finite_required_readings(description)
-    return replace(
-        hypothesis, description=description, misfit=hypothesis.readings(motion.readings, required) - required
-    )
-
-
-def _explains_enough(plain: RecordingHypothesis, best: RecordingHypothesis, noise: float) -> bool:
-    """Return True if slips explain more than all physical effects of the catalogue, and at least halve the misfit."""
-    if best.evidence - plain.evidence <= _CLEAR:
-        return False
-    before, after = _halved(plain.misfit, best.misfit, noise)
-    required = finite_required_readings(best.description)
-    left, moved = (_rms(values - values.mean(axis=0)) for values in (best.misfit, required))
-    return before > _MOVED * noise and after <= _HALVES * before and left <= _APART * moved
-
-
-def _halved(before: Array, after: Array, noise: float) -> tuple[float, float]:
-    """Return the rms misfit, m, before and after slips are undone: about the mean of each leg if it is clear and
-    halved, or else in total, as where lengths are wrong."""
-    pairs = [(_rms(values - values.mean(axis=0)), _rms(values)) for values in (before, after)]
-    about, without_mean = zip(*pairs, strict=True)
-    return about if about[1] <= _HALVES * about[0] and about[0] > _MOVED * noise else without_mean
-
-
-def _rivals(
-    search: _Found, names: ReadingNames, motion: MeasuredMotion, slips: tuple[RecordSlip, ...]
-) -> tuple[RecordSlip, ...]:
-    """Return single slips that explain the data as well as the chosen ones."""
-    if not search.intended.slips(names.columns, motion.readings):  # an order of rows alone: no description explains it
-        return ()
-    record_slips = [rival.slips(names.columns, motion.readings) for rival in search.rivals]
-    return tuple(
-        dict.fromkeys(
-            slips_of_rival[0]
-            for slips_of_rival in record_slips
-            if len(slips_of_rival) == 1 and slips_of_rival[0] not in slips
-        )
-    )
-
-
-def _reordered(hypothesis: RecordingHypothesis, order: RowOrder) -> Array:
-    """Return the misfit with columns and rows in their right places."""
-    required = finite_required_readings(hypothesis.description)
-    is_placed = order.rows >= 0
-    return np.asarray((hypothesis.misfit + required)[order.rows[is_placed]] - required[is_placed])
-
-
-def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """Return an order of rows as slips: all shifted, shifted from a pose on, reversed, or exchanged in cycles."""
-    moved = order.moved
-    if order.gain <= 0.0:
-        return ()
-    if order.shift:
-        return (RecordSlip(SlipKind.ROWS_SHIFTED, "readings", (), shift=order.shift),)
-    by = order.rows[moved] - moved
-    steps, counts = np.unique(by, return_counts=True)
-    if counts.max() >= _MOSTLY * len(moved) and len(moved) > 2:
-        shift = int(steps[counts.argmax()])
-        first, last = moved[by == shift][[0, -1]]
-        ends = last + abs(shift) < len(order.rows) - 1
-        where = f"from pose {names.poses[first]} {f'to pose {names.poses[last]}' if ends else 'on'}"
-        return (RecordSlip(SlipKind.ROWS_SHIFTED, "readings", (where,), shift=shift),)
-    if len(moved) > 2 and np.mean(order.rows[moved] + moved == len(order.rows) - 1) >= _MOSTLY:
-        return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", ("all rows, in reverse order",)),)
-    rows = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
-    return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", rows),)
+    wrong = (misfit > APART * moved) & (moved > MOVED * motion.noise)
+    return 1e3 * rms(read - wanted), 1e3 * rms(wanted), np.flatnonzero(wrong)
 
 
 def _other_zero(motion: MeasuredMotion, required: Array) -> RecordSlip | None:
@@ -470,35 +315,17 @@ def _other_zero(motion: MeasuredMotion, required: Array) -> RecordSlip | None:
     sigma = np.linalg.norm(np.median(next(descriptions(motion)).by_geometry(), axis=0) * scale, axis=-1)
     for wanted in (legs.rho0, -legs.rho0, -legs.l):
         small = np.abs(offset - wanted) <= _TOLERATED * sigma
-        if small.all() and (np.abs(wanted) > _MOVED * sigma).all():
+        if small.all() and (np.abs(wanted) > MOVED * sigma).all():
             return RecordSlip(SlipKind.ZERO, "readings", offset=1e3 * float(np.median(wanted)))
     return None
-
-
-def _frozen(motion: MeasuredMotion, required: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """Return columns that repeat one number over poses which require clearly different ones."""
-    frozen_slips = []
-    for leg, name in enumerate(names.columns):
-        value = motion.readings[:, leg]
-        ends = np.flatnonzero(np.diff(value) != 0.0)
-        numbers = np.unique(value)
-        least = max(2.0 * _MOVED * motion.noise, 1.5 * float(np.diff(numbers).min()) if len(numbers) > 1 else 0.0)
-        for first, last in zip(np.r_[0, ends + 1], np.r_[ends + 1, len(value)], strict=True):
-            wanted = required[first:last, leg]
-            if last - first >= _FROZEN and np.ptp(np.nan_to_num(wanted)) > least:
-                frozen_slips.append(
-                    RecordSlip(SlipKind.FROZEN, "readings", (f"{name} from pose {names.poses[first]} on",))
-                )
-                break
-    return tuple(frozen_slips)
 
 
 def _hidden(motion: MeasuredMotion, plain: RecordingHypothesis, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """Return exchanges of columns that these poses cannot show, because the legs move equally."""
     required = finite_required_readings(plain.description)
     travel = required - required.mean(axis=0)
-    level = max(_rms(plain.misfit - plain.misfit.mean(axis=0)), motion.noise)
-    needed = 2.0 * (_CLEAR + PENALTY) / len(required)
+    level = max(rms(plain.misfit - plain.misfit.mean(axis=0)), motion.noise)
+    needed = 2.0 * (CLEAR + PENALTY) / len(required)
     squared_distance = np.mean((travel[:, :, None] - travel[:, None, :]) ** 2, axis=0)
     pairs = [(i, j) for i, j in np.argwhere(squared_distance < needed * level**2).tolist() if i < j]
     return tuple(

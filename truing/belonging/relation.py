@@ -42,13 +42,24 @@ class SlipKind(StrEnum):
     RELABELLED = "relabelled"  # names of all parts are in another order
     CONVENTION = "convention"  # rows of a chain in the other convention of Denavit and Hartenberg
     SCALE = "scale"  # multiplied by factor, points have the size of their survey; no unit explains it
-    ROTATION = (
-        "rotation"  # written as another one: inverse, inversion (with what is equivalent), or an order such as ZYX
-    )
+    ROTATION = "rotation"  # written in another form: `RotationForm`
     FRAME = "frame-moved"  # from the first subject on, places are in another frame of the instrument
     PLACED = "survey-placed"  # the survey of a body is in another frame than that of its link
     REVERSED = "rows-reversed"  # from the last to the first
     LATE = "late"  # recorded by another clock, or following late
+
+
+class RotationForm(StrEnum):
+    """Form in which rotations, or positions with them, were written in place of the declared one."""
+
+    INVERSE = "inverse"
+    INVERSION = "inversion"  # inverse, or a slip that an unknown base and tool make equivalent to it
+    BODY_AXES = "body axes"  # positions along the axes of the body
+    OF_INVERSE = "of the inverse"  # positions of the inverse poses
+    SCALAR_AT_OTHER_END = "scalar at the other end"  # of quaternions
+    VECTOR = "rotation vector"  # in place of Euler angles
+    EULER = "euler"  # Euler angles in another order
+    AXES = "axes"  # components of other axes in the columns of x, y, z
 
 
 @dataclass(frozen=True)
@@ -58,7 +69,8 @@ class RecordSlip:
     ``factor``: recorded numbers multiplied by it are right (kind unit), 1 for other kinds. ``shift``: number of rows by
     which the recorded values are too far down (kind rows-shifted). ``offset``: to be added, in the unit of the column
     (kind zero); the delay in s (kind late). ``rows``: rows of the first subject, from 1 (kind copied; none: all).
-    ``dimension`` of the quantity: length, angle, force, torque or voltage.
+    ``dimension`` of the quantity: length, angle, force, torque or voltage. ``form`` of rotations and ``order`` of their
+    Euler angles (ZYX) or axes (yzx): kind rotation, whose first subject repeats them in words.
     """
 
     kind: SlipKind
@@ -69,6 +81,8 @@ class RecordSlip:
     offset: float = 0.0
     dimension: str = "length"
     rows: tuple[int, ...] = ()
+    form: RotationForm | None = None
+    order: str = ""
 
 
 @dataclass(frozen=True)

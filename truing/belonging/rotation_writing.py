@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truing.arrays import Array, Index, Mask
-from truing.belonging.relation import RecordSlip, SlipKind
+from truing.belonging.relation import RecordSlip, RotationForm, SlipKind
 
 _TURNS = [axes for axes in product("XYZ", repeat=3) if axes[0] != axes[1] != axes[2]]
 ORDERS = tuple("".join(axes) for axes in _TURNS) + tuple("".join(axes).lower() for axes in _TURNS)
 """Orders of Euler angles, about turned axes (capitals) and fixed ones: three axes, or the first one again."""
 MEASURED = "measured orientations"
-INVERTED = ("inverse", "inversion")
-OTHER_END, VECTOR = "scalar at the other end", "rotation vector"
+INVERTED = (RotationForm.INVERSE, RotationForm.INVERSION)
 _GON = 0.9
 # Recorded angles times these are right.
 _UNITS_OF_EULER = (180.0 / np.pi, np.pi / 180.0, _GON, 1.0 / _GON)
@@ -78,7 +77,7 @@ def otherwise_written(written: WrittenRotations) -> Iterator[tuple[RecordSlip, A
     are no trials of their own. Mirrored axes are no inversion, and cannot be seen at all.
     """
     yield (
-        _slip("inversion" if written.euler is None else "inverse"),
+        rotation_slip(RotationForm.INVERSION if written.euler is None else RotationForm.INVERSE),
         np.swapaxes(written.R, -1, -2),
     )
     yield from _in_other_orders(written)
@@ -91,7 +90,7 @@ def otherwise_written(written: WrittenRotations) -> Iterator[tuple[RecordSlip, A
 def written_otherwise_in_part(written: WrittenRotations) -> Iterator[tuple[RecordSlip, Array]]:
     """Yield slips in some rotations, with all rotations (B, 3, 3) without them; base and tool are known from others, so
     that no two slips are equal."""
-    yield _slip("inverse"), np.swapaxes(written.R, -1, -2)
+    yield rotation_slip(RotationForm.INVERSE), np.swapaxes(written.R, -1, -2)
     yield from _in_other_orders(written)
     if written.angles is not None:
         yield from _in_other_units(written)
@@ -107,7 +106,7 @@ def _in_other_orders(written: WrittenRotations) -> Iterator[tuple[RecordSlip, Ar
     numbers = written.numbers
     for order in ORDERS:
         if order != written.euler:
-            yield _slip(order), Rotation.from_euler(order, numbers).as_matrix()
+            yield rotation_slip(RotationForm.EULER, order), Rotation.from_euler(order, numbers).as_matrix()
 
 
 def _in_other_units(written: WrittenRotations) -> Iterator[tuple[RecordSlip, Array]]:
@@ -122,7 +121,7 @@ def _with_other_angles(written: WrittenRotations) -> Iterator[tuple[RecordSlip, 
     for letter, signs in zip(_LETTERS, 1.0 - 2.0 * np.eye(3), strict=True):
         yield RecordSlip(SlipKind.SIGN, f"angle {letter} of {MEASURED}"), written.read(signs * numbers)
     yield from _permuted(written, "angles", _LETTERS)
-    yield _slip(VECTOR), Rotation.from_rotvec(numbers).as_matrix()
+    yield rotation_slip(RotationForm.VECTOR), Rotation.from_rotvec(numbers).as_matrix()
 
 
 def _with_other_components(written: WrittenRotations) -> Iterator[tuple[RecordSlip, Array]]:
@@ -147,7 +146,7 @@ def _with_other_quaternions(written: WrittenRotations) -> Iterator[tuple[RecordS
     """Yield quaternions with the scalar at the other end, an opposite sign, or two exchanged components."""
     q = Rotation.from_matrix(written.R).as_quat()
     for shift in (1, -1):
-        yield _slip(OTHER_END), Rotation.from_quat(np.roll(q, shift, axis=1)).as_matrix()
+        yield rotation_slip(RotationForm.SCALAR_AT_OTHER_END), Rotation.from_quat(np.roll(q, shift, axis=1)).as_matrix()
     for k, name in enumerate(_COMPONENTS):
         signs = np.where(np.arange(4) == k, -1.0, 1.0)
         yield RecordSlip(SlipKind.SIGN, f"{name} of {MEASURED}"), Rotation.from_quat(signs * q).as_matrix()
@@ -158,5 +157,7 @@ def _with_other_quaternions(written: WrittenRotations) -> Iterator[tuple[RecordS
         yield slip, Rotation.from_quat(q[:, order]).as_matrix()
 
 
-def _slip(written: str) -> RecordSlip:
-    return RecordSlip(SlipKind.ROTATION, MEASURED, (written,))
+def rotation_slip(form: RotationForm, order: str = "", quantity: str = MEASURED) -> RecordSlip:
+    """Return the slip of rotations that were written in another form, with the order of its angles or axes."""
+    named = {RotationForm.EULER: order, RotationForm.AXES: f"components {order}"}.get(form, form.value)
+    return RecordSlip(SlipKind.ROTATION, quantity, (named,), form=form, order=order)

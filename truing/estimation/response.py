@@ -125,7 +125,7 @@ def _component_by_component(
     coefficients, offset = np.zeros((width, u.shape[1])), np.zeros((groups, width))
     residuals, loo = np.full((2, n, width), np.nan)
     free, deficient, chi_square, dof = np.zeros(coefficients.shape, bool), 0, 0.0, 0
-    beside = np.zeros((width, u.shape[1] + 1))
+    with_offset = np.zeros((width, u.shape[1] + 1))
     for k, drive in enumerate(drives):
         free[k, drive] = True
         rows = np.flatnonzero(np.isfinite(y[:, k]))
@@ -141,12 +141,14 @@ def _component_by_component(
         observed = np.ones((len(rows), 1), bool)
         fit = _solve("matrix", every, _WeightedProblem(design, y[rows, k, None], observed, weight, precision))
         coefficients[k, drive], offset[met, k] = fit.coefficients[0], fit.offset[:, 0]
-        beside[k, [*drive, -1]] = fit.offset_covariance[0]
+        with_offset[k, [*drive, -1]] = fit.offset_covariance[0]
         residuals[rows, k], loo[rows, k] = fit.residuals[:, 0], fit.loo_residuals[:, 0]
         covariance[ends[k] - len(drive) : ends[k], ends[k] - len(drive) : ends[k]] = fit.covariance
         deficient += fit.deficient + (groups - len(met) if offset_cov is None else 0)
         chi_square, dof = chi_square + fit.chi_square, dof + fit.dof
-    return ResponseFit(form, coefficients, covariance, free, offset, residuals, loo, chi_square, dof, deficient, beside)
+    return ResponseFit(
+        form, coefficients, covariance, free, offset, residuals, loo, chi_square, dof, deficient, with_offset
+    )
 
 
 def _design(u: Array, free: Mask, group: Index) -> Array:
@@ -216,9 +218,9 @@ def _solve(form: Form, free: Mask, problem: _WeightedProblem) -> ResponseFit:
     coefficients = np.zeros(free.shape)
     coefficients[free] = theta[:n_free]
     at = n_free + np.arange(width)  # of the first group
-    beside = np.zeros((width, free.shape[1] + 1))
-    beside[:, :-1][free] = covariance[at[np.nonzero(free)[0]], np.arange(n_free)]
-    beside[:, -1] = np.diag(covariance)[at]
+    with_offset = np.zeros((width, free.shape[1] + 1))
+    with_offset[:, :-1][free] = covariance[at[np.nonzero(free)[0]], np.arange(n_free)]
+    with_offset[:, -1] = np.diag(covariance)[at]
     # Rounding may turn the sum of squares of zero residuals negative.
     chi_square = max(float(np.einsum("nl,nlm,nm->", residuals, weight, residuals) + theta @ prior @ theta), 0.0)
     informative = _rank(weight)
@@ -234,7 +236,7 @@ def _solve(form: Form, free: Mask, problem: _WeightedProblem) -> ResponseFit:
         chi_square=chi_square,
         dof=informative - (len(theta) - deficient),
         deficient=deficient,
-        offset_covariance=beside,
+        offset_covariance=with_offset,
     )
 
 

@@ -41,21 +41,23 @@ class AiconCamera:
 def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """Yield the image points of a .phc file, in px; raises Unusable for a missing .ior or .eor file and for damaged
     ones."""
-    beside = {format_suffix(companion_file): companion_file for companion_file in companion_files(raw.path)}
-    if ".ior" not in beside:
+    companions = {format_suffix(companion_file): companion_file for companion_file in companion_files(raw.path)}
+    if ".ior" not in companions:
         raise Unusable("an .ior file of the same name next to it, whose pixel size converts mm to px")
-    cameras = {str(camera.row["camera"]): camera for camera in _cameras(_lines(beside[".ior"], beside[".ior"].name))}
+    cameras = {
+        str(camera.row["camera"]): camera for camera in _cameras(_lines(companions[".ior"], companions[".ior"].name))
+    }
     lines = _lines(path)
     rows = _numbers(lines, 11, _RAY)
     numbers = [row for row, _ in lines]
     if not numbers:
         raise Unusable(f"lines of {_RAY}")
     image, point = (integer_columns(rows[:, i], what, numbers) for i, what in enumerate(("images", "points")))
-    names = _camera_of_image(beside.get(".eor"), cameras, image)
+    names = _camera_of_image(companions.get(".eor"), cameras, image)
     chosen, which = np.unique(names, return_inverse=True)
     unknown = [name for name in chosen if name not in cameras]
     if unknown:
-        raise Unusable(f"cameras of {beside['.ior'].name}", column="camera", value=", ".join(unknown))
+        raise Unusable(f"cameras of {companions['.ior'].name}", column="camera", value=", ".join(unknown))
     centre = np.array([cameras[name].centre_px for name in chosen])[which]
     pitch = np.array([cameras[name].pitch_mm for name in chosen])[which]
     columns = {

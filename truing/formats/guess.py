@@ -80,7 +80,7 @@ class Guess:
     """Proposal for a file: keys for [files.<table>], its columns, table, and points to check.
 
     others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
-    reason. beside: other tables in the file, each with its own keys. ways: other readings that are possible. answered:
+    reason. other_tables: proposals for further tables in the file. ways: other readings that are possible. answered:
     keys that are no guesses, because a person gave them. doubts: statements to confirm, next to those that the keys
     imply. machine: keys of [mechanism], where the file holds nominal geometry.
     """
@@ -91,7 +91,7 @@ class Guess:
     notes: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     known: bool = False
-    beside: tuple[Guess, ...] = ()
+    other_tables: tuple[Guess, ...] = ()
     ways: tuple[OtherWay, ...] = field(default=(), compare=False, repr=False)
     answered: frozenset[str] = frozenset()
     doubts: tuple[str, ...] = ()

@@ -47,7 +47,7 @@ def guess_of_stacks(variables: Mapping[str, Variable], text: str) -> Guess | Non
     if len(counts) != 1:
         return None
     entries = [_entry(name, stack, text, alone=len(stacks) == 1) for name, stack in stacks.items()]
-    return replace(entries[0], beside=(*entries[1:], *_readings(variables, counts.pop(), text)))
+    return replace(entries[0], other_tables=(*entries[1:], *_readings(variables, counts.pop(), text)))
 
 
 def _entry(name: str, stack: _Stack, text: str, *, alone: bool) -> Guess:

@@ -45,43 +45,43 @@ _COMPOUND = re.compile(r"([a-z])([XYZ])(?![a-z])")  # BaseX
 _FEWEST, _MOST = 2, 12
 _FEWEST_LEGS = 3
 _LARGEST_RAD = 2.0 * np.pi
-_METRES = 5.0  # no length of a robot's link is as long
+_LONGEST_LINK_M = 5.0  # lengths that all stay below this number are in m
 OF_CHAIN, OF_LEGS = "table of Denavit and Hartenberg, for [mechanism]", "geometry of legs, for [mechanism]"
 _OF_MASSES = "masses of links, for [mechanism]"
 _LEGS_WITHOUT_LENGTH = "looks like the nominal geometry of legs without their lengths: docs/calibration.md, [mechanism]"
 
 
-def machine_of(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
+def machine_of(cells: NamedCells, text_above: str, unit: str | None) -> Guess | None:
     """Return keys of [mechanism] from a table of nominal geometry; None for other tables.
 
-    words: of lines above the table, which may name the convention. unit: of lengths by words of the file.
+    text_above: lines above the table, which may name the convention. unit: of lengths, as the file states it.
     """
     if not _FEWEST <= len(cells.rows) <= _MOST:
         return None
-    return _chain(cells, words, unit) or _masses(cells) or _legs(cells, words, unit)
+    return _chain(cells, text_above, unit) or _masses(cells) or _legs(cells, text_above, unit)
 
 
-def with_convention(guess: Guess, words: str) -> Guess:
+def with_convention(guess: Guess, text_above: str) -> Guess:
     """Return a table of Denavit and Hartenberg with the convention that words name, such as the file's name."""
-    convention = _convention(words)
+    convention = _convention(text_above)
     way = next((way for way in guess.ways if way.key == "convention"), None)
     if way is None or convention is None:
         return guess
     return replace(way.guess if way.other == convention else guess, ways=())
 
 
-def _meanings(names: Sequence[str], words: Mapping[str, str]) -> dict[str, str]:
+def _meanings(names: Sequence[str], text_above: Mapping[str, str]) -> dict[str, str]:
     """Return the first column of each meaning; its name is read without unit, blanks and underscores."""
     column_of: dict[str, str] = {}
     for name in names:
         bare = re.sub(r"[\[(].*?[\])]|[\s_{}.\-]+", "", bare_and_unit(name)[0]).casefold()
-        meaning = next((key for key, pattern in words.items() if re.fullmatch(pattern, bare)), None)
+        meaning = next((key for key, pattern in text_above.items() if re.fullmatch(pattern, bare)), None)
         if meaning is not None:
             column_of.setdefault(meaning, name)
     return column_of
 
 
-def _chain(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
+def _chain(cells: NamedCells, text_above: str, unit: str | None) -> Guess | None:
     column_of = _meanings(cells.names, _ROWS)
     if not {"theta_deg", "d_mm", "a_mm", "alpha_deg"} <= set(column_of):
         return None
@@ -95,7 +95,7 @@ def _chain(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     doubts = [*_in_mm(numbers, column_of, lengths, unit), *_in_deg(numbers, column_of)]
     if not _is_offset(cells, column_of["theta_deg"]):
         doubts.append(f"{column_of['theta_deg']} is assumed to be the angle of each joint where its reading is zero")
-    convention = _convention(" ".join((words, *(column_of[key] for key in ("a_mm", "alpha_deg")))))
+    convention = _convention(" ".join((text_above, *(column_of[key] for key in ("a_mm", "alpha_deg")))))
     standard, modified = (
         Guess(
             *({}, cells.names, None, (OF_CHAIN,)),
@@ -112,8 +112,8 @@ def _chain(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     return replace(standard, ways=(OtherWay("convention", text, "standard", "modified", modified, doubt),))
 
 
-def _convention(words: str) -> str | None:
-    spaced = re.sub(r"[_\W]+", " ", words.casefold())
+def _convention(text_above: str) -> str | None:
+    spaced = re.sub(r"[_\W]+", " ", text_above.casefold())
     if re.search(rf"\b({_MODIFIED})\b", spaced) or re.search(r"\bi 1\b", spaced):
         return "modified"
     return "standard" if re.search(rf"\b({_STANDARD})\b", spaced) else None
@@ -156,7 +156,7 @@ def _kinds(cells: NamedCells, column_of: Mapping[str, str]) -> list[str] | None:
 def _in_mm(numbers: dict[str, Array], column_of: Mapping[str, str], lengths: Array, unit: str | None) -> list[str]:
     """Convert lengths in place, and return the doubt on a unit that nothing gives."""
     stated = {key: bare_and_unit(column_of[key])[1] or unit for key in ("d_mm", "a_mm")}
-    assumed = "m" if np.abs(lengths).max() < _METRES else "mm"
+    assumed = "m" if np.abs(lengths).max() < _LONGEST_LINK_M else "mm"
     for key, stated_unit in stated.items():
         numbers[key] = _converted(numbers[key], stated_unit or assumed, "mm")
     return [] if all(stated.values()) else [f"no unit of lengths is given; they are assumed to be in {assumed}"]
@@ -218,7 +218,7 @@ def _masses(cells: NamedCells) -> Guess | None:
     return Guess({}, cells.names, None, (_OF_MASSES,), known=True, doubts=(doubt,), machine=machine)
 
 
-def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
+def _legs(cells: NamedCells, text_above: str, unit: str | None) -> Guess | None:
     """Return legs of variable length: joints on the base and on the platform in one row, with the length."""
     spelt = {_COMPOUND.sub(r"\1 \2", name): name for name in cells.names}
     column_of, named = _meanings(cells.names, _LEGS), position_groups(tuple(spelt))
@@ -235,7 +235,7 @@ def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
         return Guess({}, cells.names, None, (_LEGS_WITHOUT_LENGTH,), known=True)
     columns = {key: list(group[0]) for key, group in groups.items()} | {"length_mm": [column_of["length"]]}
     stated = {bare_and_unit(name)[1] for names in columns.values() for name in names} - {None}
-    given = stated.pop() if len(stated) == 1 else unit or _unit_of(words)
+    given = stated.pop() if len(stated) == 1 else unit or _unit_of(text_above)
     values = {key: _converted(cells.of(names)[1], given or "mm", "mm") for key, names in columns.items()}
     if stated or not all(np.isfinite(column).all() for column in values.values()):
         return None
@@ -248,7 +248,7 @@ def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     return Guess({}, cells.names, None, (OF_LEGS,), known=True, doubts=doubts, machine={"type": "ups", "legs": legs})
 
 
-def _unit_of(words: str) -> str | None:
+def _unit_of(text_above: str) -> str | None:
     """Return the unit of lengths in words such as ``all mm`` or ``[mm]``; None without a single one."""
-    units = set(re.findall(r"(?<![A-Za-z])(mm|cm|inches)(?![A-Za-z])", words))
+    units = set(re.findall(r"(?<![A-Za-z])(mm|cm|inches)(?![A-Za-z])", text_above))
     return {"inches": "in"}.get(unit := units.pop(), unit) if len(units) == 1 else None

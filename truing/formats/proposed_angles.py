@@ -57,7 +57,7 @@ def with_raw_names(guess: Guess, raw_names: Mapping[str, str]) -> Guess:
         mapping=_renamed(guess.mapping, words),
         columns=tuple(raw_names.get(name, name) for name in guess.columns),
         doubts=tuple(_in_words(doubt, raw_names) for doubt in guess.doubts),
-        beside=tuple(with_raw_names(one, raw_names) for one in guess.beside),
+        other_tables=tuple(with_raw_names(one, raw_names) for one in guess.other_tables),
         ways=tuple(
             replace(
                 way,

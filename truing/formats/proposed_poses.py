@@ -65,8 +65,10 @@ def doubt_on_computed_poses(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def proposal_of_chain(rows: ChainRows, mapping: MappingKeys, names: tuple[str, ...]) -> Guess:
     """Return the proposal for rows of joint readings and points: points, and configurations of the same rows."""
-    beside = (proposal_of_joints(rows.joints, mapping, names),)
-    guess = Guess({**mapping, **rows.points}, names, "points", (rows.note,), beside=beside, doubts=rows.doubts)
+    other_tables = (proposal_of_joints(rows.joints, mapping, names),)
+    guess = Guess(
+        {**mapping, **rows.points}, names, "points", (rows.note,), other_tables=other_tables, doubts=rows.doubts
+    )
     return perhaps_in_metres(guess, rows.in_metres)
 
 
@@ -95,7 +97,7 @@ def proposal_of_bodies(cells: NamedCells, mapping: MappingKeys) -> Guess | None:
         for p in bodies
     ]
     proposals = [replace(guess, answered=frozenset({"body"})) for guess in proposals]  # by the names of the columns
-    return replace(proposals[0], beside=tuple(proposals[1:]))
+    return replace(proposals[0], other_tables=tuple(proposals[1:]))
 
 
 def proposal_of_poses(poses: PoseMapping, cells: NamedCells, mapping: MappingKeys, joints: Sequence[str]) -> Guess:
@@ -130,8 +132,8 @@ def proposal_of_poses(poses: PoseMapping, cells: NamedCells, mapping: MappingKey
     one_body = {"select": {body[0]: re.escape(body[1])}} if body is not None else {}  # a row for each pose
     entry = {**mapping, **({"columns": reported} if reported else {}), **numbered, **one_body, "ignore": ignore}
     text = f"what else there is, pose by pose: {', '.join(inputs[:8])}{', ...' if len(inputs) > 8 else ''}"
-    beside = (Guess(entry, names, "configurations", (text,)),)
-    return Guess({**mapping, **keys}, names, "poses", poses.notes, beside=beside, answered=named)
+    other_tables = (Guess(entry, names, "configurations", (text,)),)
+    return Guess({**mapping, **keys}, names, "poses", poses.notes, other_tables=other_tables, answered=named)
 
 
 def _repeated_times(cells: NamedCells, reported: Mapping[str, str], body: tuple[str, str] | None) -> list[str]:
@@ -157,9 +159,9 @@ def _poses_beside_joints(
     """
     readings, ignore = read
     skipped = "|".join(filter(None, [ignore, readings.mapping.get("ignore")]))
-    beside = proposal_of_joints(readings, mapping, cells.names, ignore=skipped)
+    other_tables = proposal_of_joints(readings, mapping, cells.names, ignore=skipped)
     keys = keys | ({"constants": {"body": LINK}} if "constants" in keys else {})
-    guess = Guess({**mapping, **keys}, cells.names, "poses", poses.notes, beside=(beside,))
+    guess = Guess({**mapping, **keys}, cells.names, "poses", poses.notes, other_tables=(other_tables,))
     shifts = COORDINATES if COORDINATES[0] in keys["columns"] else SHIFTS
     is_in_rad = any(column.endswith("_rad") for column in readings.mapping["columns"])
     is_bare = "unit" not in keys and bare_and_unit(keys["columns"][shifts[0]])[1] is None

@@ -176,7 +176,7 @@ def _without_columns(guess: Guess, names: Sequence[str]) -> Guess:
     return replace(
         guess,
         mapping={**guess.mapping, "ignore": ignore},
-        beside=tuple(_without_columns(one, names) for one in guess.beside),
+        other_tables=tuple(_without_columns(one, names) for one in guess.other_tables),
         ways=tuple(replace(way, guess=_without_columns(way.guess, names)) for way in guess.ways),
     )
 
@@ -316,8 +316,8 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
     read = [name for name in guesses if name in firsts.values()] or [next(iter(guesses))]
     unread = [guess_of_sheet for guess_of_sheet in guesses if guess_of_sheet not in read]
     more = (f"sheet {read[0]} is read; there are {', '.join(unread[:_SHOWN])}",) if unread else ()
-    best, *beside = (guesses[name] for name in read)
-    return replace(best, notes=(*best.notes, *more), beside=(*best.beside, *beside))
+    best, *other_tables = (guesses[name] for name in read)
+    return replace(best, notes=(*best.notes, *more), other_tables=(*best.other_tables, *other_tables))
 
 
 def _with_heads_above(texts: list[list[str]], numbers: Sequence[int], first: int) -> int:

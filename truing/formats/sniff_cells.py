@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,66 +12,33 @@ import numpy as np
 from truing.formats.axis_directions import with_direction
 from truing.formats.deviation_units import with_unit_of_deviations
 from truing.formats.grad_units import with_unit_of_grad
-from truing.formats.guess import (
-    Guess,
-    MappingKeys,
-    OtherWay,
-    adjusted_points,
-    is_id,
-    parts_of_names,
-    tracker,
-    wide_template,
-)
+from truing.formats.guess import Guess, MappingKeys, OtherWay, adjusted_points, is_id, parts_of_names, tracker
 from truing.formats.heading import heading_of
 from truing.formats.likely_notation import COMMA_DECIMAL, COMMA_THOUSANDS, ambiguous_comma, is_number, likely_notation
-from truing.formats.named_bench import (
-    Proposal,
-    axis_rows,
-    is_deviation_by_name,
-    is_over_angle,
-    positions_of_axis,
-    positions_side_by_side,
-    readings_under_load,
-)
 from truing.formats.named_chain import bare_chain_rows, chain_rows
 from truing.formats.named_columns import bare_poses, is_one_motion, pose_columns
-from truing.formats.named_joints import bare_joints, configurations_of_joints
-from truing.formats.named_loads import channels_without_loads, load_columns, with_unit_of_channels
+from truing.formats.named_joints import bare_joints
+from truing.formats.named_loads import with_unit_of_channels
 from truing.formats.named_pixels import rays_of
 from truing.formats.nominal_machine import machine_of
 from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
 from truing.formats.proposed_angles import with_angles
-from truing.formats.proposed_loads import proposal_of_loads, with_doubt_on_samples
 from truing.formats.proposed_poses import (
     NamedCells,
     column_that_counts,
-    doubt_on_computed_poses,
     proposal_of_bodies,
     proposal_of_chain,
     proposal_of_joints,
     proposal_of_poses,
 )
 from truing.formats.shapes import COORDINATES
+from truing.formats.sniff_readings import guess_readings, has_frames
 from truing.formats.times import time_format_of
 from truing.formats.units import LONGEST_NAME, bare_and_unit, known_unit, may_be
 from truing.schemas.columns import find_column
 
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
-_A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
-_CHANNELS_ALONE = (
-    "channels of a sensor without loads: put the load of each row next to them, as columns such as Fx [N] and Mz [N m]"
-)
-_IN_IMAGE = 2  # coordinates
-_OF_PIXELS = re.compile(r"[xyuv]\w*\s*[\[(_ ]\s*(px|pix|pixels?)\s*[\])]?", re.IGNORECASE)
-_PIXELS = (
-    "image coordinates of targets: [files.image_points] with pose, image and point beside them, and [[cameras]]: "
-    "docs/how-to/rays.md"
-)
-_OVER_ANGLE = (
-    "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, "
-    "because nothing relates them to readings of joints or axes"
-)
 _MARKER = re.compile(r"Marker\.(?P<name>.+)\.[^.]*\.Position\.[XYZ](?: \[.*\])?")
 _POLAR = "directions and distances of a total station or theodolite; export the adjusted coordinates X, Y, Z"
 _HORIZONTAL = re.compile(r"hz|ha|h(orizontal)?[ _]?(angle|dir(ection)?|winkel|richtung)|azimuth|bearing|richtung", re.I)
@@ -146,7 +113,8 @@ class _Surroundings:
     is_of_joints: bool
 
     def joints_of(self, columns: int) -> tuple[str, ...]:
-        """Return the names of the joints in this many columns without names: numbers if only the file's name tells."""
+        """Return the names of the joints in this many columns without names; numbers if only the file's name says that
+        it holds joint readings."""
         numbered = tuple(f"joint{number}" for number in range(1, columns + 1)) if self.is_of_joints else ()
         return self.joints or numbered
 
@@ -188,9 +156,9 @@ def _guess_by_notation(
 
 def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], notation: Notation) -> Guess:
     """Return a proposal that reads its column of times, in seconds or by a format; without it where none reads it."""
-    beside = tuple(_with_times(following, names, data, notation) for following in guess.beside)
+    other_tables = tuple(_with_times(following, names, data, notation) for following in guess.other_tables)
     ways = tuple(replace(way, guess=_with_times(way.guess, names, data, notation)) for way in guess.ways)
-    guess = replace(guess, beside=beside, ways=ways)
+    guess = replace(guess, other_tables=other_tables, ways=ways)
     columns = dict(guess.mapping.get("columns", {}))
     raw = columns.get("time_s")
     if raw not in names or "time_format" in guess.mapping:
@@ -219,7 +187,9 @@ def _with_parts_of_points(guess: Guess, records: list[list[str]]) -> Guess:
 def _with_unit_in_words(guess: Guess, unit: str | None) -> Guess:
     """Return a proposal with the unit that words of the file state, if no name states one."""
     guess = (
-        replace(guess, beside=tuple(_with_unit_in_words(one, unit) for one in guess.beside)) if guess.beside else guess
+        replace(guess, other_tables=tuple(_with_unit_in_words(one, unit) for one in guess.other_tables))
+        if guess.other_tables
+        else guess
     )
     if unit is None or guess.table not in _OF_COORDINATES or "unit" in guess.mapping:
         return guess
@@ -283,7 +253,7 @@ def _guess_by_names(cells: NamedCells, mapping: MappingKeys, joints: Sequence[st
         return Guess(mapping | keys | steps, names, table, tuple(notes))
     if table not in (None, "configurations", "signals"):
         return _guess_table(cells, mapping, table, (keys, notes))
-    return _guess_readings(cells, mapping, table, (keys, notes), joints)
+    return guess_readings(cells, mapping, table, (keys, notes), joints)
 
 
 def _guess_table(cells: NamedCells, mapping: MappingKeys, table: str, by_names: tuple[MappingKeys, list]) -> Guess:
@@ -301,58 +271,6 @@ def _guess_table(cells: NamedCells, mapping: MappingKeys, table: str, by_names: 
     return Guess(mapping | keys, names, table, tuple(notes), doubts=doubts)
 
 
-def _guess_readings(
-    cells: NamedCells,
-    mapping: MappingKeys,
-    table: str | None,
-    by_names: tuple[MappingKeys, list[str]],
-    joints: Sequence[str],
-) -> Guess:
-    """Return a proposal for readings of a bench, of joints or of a sensor, or of targets side by side."""
-    (keys, notes), names = by_names, cells.names
-    meant = keys.get("columns", {})
-    loads = load_columns(names) if table != "signals" else None
-    if table is None and (proposal := _bench_readings(cells)) is not None:
-        empty = {"missing": [""]} if cells.has_empty else {}
-        bench_keys = mapping | proposal.mapping | empty
-        return Guess(bench_keys, names, proposal.table, (proposal.note,), doubts=proposal.doubts)
-    if loads is not None:
-        return with_doubt_on_samples(proposal_of_loads(loads, names, mapping, keys), names, cells.values)
-    if table != "signals":
-        if (readings := configurations_of_joints(names, cells.rows, cells.values, meant, joints)) is not None:
-            guess = proposal_of_joints(readings, mapping, names)
-            return replace(guess, doubts=(*guess.doubts, *doubt_on_computed_poses(names)))
-        if table is None and (axes := axis_rows(names, cells.values)):
-            return proposal_of_axis(axes, names, mapping, meant)
-        if (template := wide_template(names)) is not None:
-            hidden = {"missing": [""]} if cells.has_empty or _has_frames(names) else {}
-            return _side_by_side(template, names, mapping | keys | hidden)
-    if table == "configurations" and "pose" not in {*names, *meant}:
-        columns = {**column_that_counts(cells, names), **meant}
-        keys = {**keys, **({"columns": columns} if columns else {})}
-        keys |= {} if "pose" in columns else {"number_rows": {"pose": 1}}
-    if table is None:
-        notes = [_A_COORDINATE_PER_ROW] if _has_axes_in_rows(cells.rows) else []
-        notes += [_CHANNELS_ALONE] if channels_without_loads(names) else []
-        notes += [_OVER_ANGLE] if not notes and is_over_angle(names) else []
-        notes += [_PIXELS] if sum(_OF_PIXELS.fullmatch(name.strip()) is not None for name in names) == _IN_IMAGE else []
-    return Guess(mapping | keys, names, table, tuple(notes))
-
-
-def _bench_readings(cells: NamedCells) -> Proposal | None:
-    """Return the proposal for readings under load, or for positions of an axis; None without either."""
-    return (
-        readings_under_load(cells.names)
-        or positions_of_axis(cells.names, cells.rows, cells.values)
-        or positions_side_by_side(cells.names, cells.values)
-    )
-
-
-def _has_frames(names: Sequence[str]) -> bool:
-    """True if rows are frames of motion capture, in any of which a marker may be hidden."""
-    return names[0].strip().casefold() == "frame"
-
-
 def _guess_markers(names: tuple[str, ...], mapping: MappingKeys) -> Guess | None:
     """Return a proposal for markers of motion capture next to poses of rigid bodies; None without markers."""
     markers = [match["name"] for name in names if (match := _MARKER.fullmatch(name))]
@@ -361,7 +279,7 @@ def _guess_markers(names: tuple[str, ...], mapping: MappingKeys) -> Guess | None
     has_body = all(":" in name for name in markers)
     wide = f"Marker.{'{body}:' if has_body else ''}{{target}}.{{id}}.Position.{{axis}}"
     keys: MappingKeys = {"wide": wide, "missing": [""], **({} if has_body else {"constants": {"body": "body"}})}
-    keys |= {"columns": {"pose": names[0]}} if _has_frames(names) else {"number_rows": {"pose": 1}}
+    keys |= {"columns": {"pose": names[0]}} if has_frames(names) else {"number_rows": {"pose": 1}}
     note = "markers of motion capture; poses of rigid bodies in the same file are not read, because markers give them"
     return Guess({**mapping, **keys}, names, "points", (note,))
 
@@ -375,49 +293,6 @@ def is_polar(names: Sequence[str]) -> bool:
     }
 
 
-def _has_axes_in_rows(data: list[list[str]]) -> bool:
-    """True if a column names the axis of each row, as an inspection program lists its checks."""
-    return any({"x", "y", "z"} == {cell.strip().casefold() for cell in column} for column in zip(*data, strict=True))
-
-
-def proposal_of_axis(
-    axes: Sequence[Proposal], names: tuple[str, ...], mapping: MappingKeys, meant: Mapping[str, str]
-) -> Guess:
-    """Return the proposal of an axis; of two, in degrees and in millimetres, the first is taken."""
-    more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
-    numbered = {} if "pose" in more or "pose" in names else {"number_rows": {"pose": 1}}
-    guesses = [
-        Guess(
-            {**mapping, **axis.mapping, "columns": {**more, **axis.mapping["columns"]}, **numbered},
-            *(names, axis.table, (axis.note,)),
-            doubts=axis.doubts,
-        )
-        for axis in axes
-    ]
-    if len(guesses) == 1:
-        return _with_sign_of_readings(guesses[0])
-    taken, alternative = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")
-    text, doubt = "Unit of the axis, which no name gives", f"no unit is given; the axis is assumed to be in {taken}"
-    return replace(guesses[0], ways=(OtherWay("axis", text, taken, alternative, guesses[1], doubt),))
-
-
-def _with_sign_of_readings(guess: Guess) -> Guess:
-    """Return a proposal of an axis with the question of the sign, where an instrument's readings are deviations."""
-    columns, units = guess.mapping["columns"], guess.mapping.get("units", {})
-    column = next((name for name in ("deviation_deg", "deviation_mm") if name in columns), None)
-    if column is None or is_deviation_by_name(columns[column]):
-        return guess
-    raw = columns[column]
-    turned = {"name": raw, "scale": -1.0, "unit": units.get(column, column.rsplit("_", 1)[-1])}
-    remaining_units = {name: unit for name, unit in units.items() if name != column}
-    mapping = {key: value for key, value in guess.mapping.items() if key != "units"}
-    mapping |= {"columns": {**columns, column: turned}, **({"units": remaining_units} if remaining_units else {})}
-    text = f"{raw}: place of the axis minus its command, or command minus place"
-    doubt = f"{raw} is assumed to be the deviation from the command: place minus command, not command minus place"
-    way = OtherWay("sign", text, "place-command", "command-place", replace(guess, mapping=mapping), doubt)
-    return replace(guess, ways=(way,))
-
-
 def _repeats_targets(cells: NamedCells, keys: MappingKeys) -> bool:
     """True if a name of a target occurs twice."""
     columns = keys.get("columns", {})
@@ -429,7 +304,7 @@ def _repeats_targets(cells: NamedCells, keys: MappingKeys) -> bool:
 def _pose_column(cells: NamedCells, keys: MappingKeys) -> str | None:
     """Return the free column whose every value has each target at most once, as a pose has; None without a single one.
 
-    A column with another value in nearly every row, such as a time, tells no poses.
+    A column with another value in nearly every row, such as a time, does not identify poses.
     """
     names, columns = cells.names, keys.get("columns", {})
     if "pose" in names or "pose" in columns or "target" not in {*names, *columns}:
@@ -453,19 +328,6 @@ def _with_parts_of_names(cells: NamedCells, keys: MappingKeys) -> MappingKeys:
     if raw is None:
         return keys
     return keys | parts_of_names(cells.texts(raw), raw, {*cells.names, *keys["columns"]})
-
-
-def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: MappingKeys) -> Guess:
-    """Return a proposal for a table with coordinates of several targets in every row: points, one row per pose."""
-    wide, unit = template
-    numbered = {} if "pose" in {*names, *mapping.get("columns", {})} else {"number_rows": {"pose": 1}}
-    bodies = {} if "{body}" in wide else {"constants": {"body": "body"}}
-    more = {"wide": wide, **({} if unit in (None, "mm") else {"unit": unit}), **bodies, **numbered}
-    note = "several targets side by side"
-    note += "" if not bodies else ": say in wide which part of the names is the body, or name it under constants"
-    arguments = {"columns": {"pose": mapping["columns"]["pose"]}} if "pose" in mapping.get("columns", {}) else {}
-    mapping_kept = {key: value for key, value in mapping.items() if key not in ("columns", "units")}
-    return Guess({**mapping_kept, **arguments, **more}, names, "points", (note,))
 
 
 def _positions(records: list[list[str]], notation: Notation) -> tuple[MappingKeys, list[str]]:

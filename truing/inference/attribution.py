@@ -23,7 +23,7 @@ from truing.inference.residual_courses import FEWEST_EPOCHS, residuals_of
 from truing.inference.search import LEAST_P
 
 _FEWEST_OF_PLACE = 12
-_LEAST_SHARE = 1e-6  # of the squares; less is told of no input
+_LEAST_SHARE = 1e-6  # of the squares; an input with a smaller share is not named
 _LEAST_SQUARES = 1e-300
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 _SPARSE = 0.05
 # Most values of the parts that shared unknowns explain at a time.
 _MOST_AT_ONCE = 2**19
-# Epochs during which a channel was not seen are left out of products if fewer than this share of all is left.
-_MOSTLY_LIVE = 0.9
+# Epochs in which a channel was not seen are left out of products, unless more than this share of all was seen.
+_MOSTLY_OBSERVED = 0.9
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,18 @@ class RotatedChannels:
         epochs, channels, size, _ = shared.shape
         if self.whitened.whole is not None:
             return (weights @ shared.reshape(epochs, -1)).reshape(len(weights), channels, size, -1)
-        few = self._few[chosen.start * size : chosen.stop * size]
+        few = self._products_in_few[chosen.start * size : chosen.stop * size]
         weighted = self.whitened.compact.weighted(shared.reshape(epochs, channels * size, -1), weights, few)
         return self.whitened.onto_basis(weighted.reshape(-1, weighted.shape[-1]).T).T.reshape(
             len(weights), channels, size, -1
         )
 
     @cached_property
-    def _few(self) -> list[csr_array]:
-        """The part ``few_of`` of each of the T q products with a compact problem's columns; all families share it."""
+    def _products_in_few(self) -> list[csr_array]:
+        """Products with the columns that act in few epochs (`SharedRows.few_of`), one for each of the T q axes.
+
+        Only for compact problems; signatures of all families share them.
+        """
         compact = self.whitened.compact
         by_channel = self.shared.reshape(len(self.shared), -1, self.shared.shape[-1])
         return [compact.few_of(by_channel[:, n : n + 1]) for n in range(by_channel.shape[1])]
@@ -64,15 +67,13 @@ class RotatedChannels:
         return len(self.whitened.problem.shared_value)
 
     @cached_property
-    def live(self) -> list[tuple[Integers, Integers]]:
-        """Channels that were seen at the same epochs, and these epochs."""
+    def observed_together(self) -> list[tuple[Integers, Integers]]:
+        """Groups of channels that were seen at the same epochs, each with these epochs."""
         is_observed = np.trace(self.gram, axis1=2, axis2=3) > 0.0
-        if is_observed.mean() > _MOSTLY_LIVE:  # then a single product is faster
+        if is_observed.mean() > _MOSTLY_OBSERVED:  # then a single product is faster
             return [(np.arange(is_observed.shape[1]), np.arange(len(is_observed)))]
         patterns, number = np.unique(is_observed, axis=1, return_inverse=True)
-        return [
-            (np.flatnonzero(number.ravel() == n), np.flatnonzero(seen_then)) for n, seen_then in enumerate(patterns.T)
-        ]
+        return [(np.flatnonzero(number.ravel() == n), np.flatnonzero(is_seen)) for n, is_seen in enumerate(patterns.T)]
 
     def along(self, parts: Array) -> Array:
         """Return the parts (B, T, q, D) of residuals along these axes, from those along the pathway (D, B, C)."""
@@ -142,10 +143,10 @@ class ChannelSignatures:
         else:
             shapes = self._shapes.astype(along.dtype, copy=False)
             sums = np.empty((len(shapes), channels, size, draws), along.dtype)
-            for live_channels, during in self.rotated.live:
-                part = along[np.ix_(during, live_channels)]
-                shaped = shapes[:, during] @ part.reshape(len(part), len(live_channels) * size * draws)
-                sums[:, live_channels] = shaped.reshape(len(shapes), len(live_channels), size, draws)
+            for observed_channels, during in self.rotated.observed_together:
+                part = along[np.ix_(during, observed_channels)]
+                shaped = shapes[:, during] @ part.reshape(len(part), len(observed_channels) * size * draws)
+                sums[:, observed_channels] = shaped.reshape(len(shapes), len(observed_channels), size, draws)
         sums = sums.reshape(len(self.values), -1, channels, size, draws)
         return np.asarray(sums.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws))
 

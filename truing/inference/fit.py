@@ -14,7 +14,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask, index_or_slice
-from truing.inference.linear_problem import LinearisedModel, Whitened, columns_of, whiten
+from truing.inference.linear_problem import Whitened, whiten
+from truing.inference.linearised_model import LinearisedModel, columns_of
 from truing.inference.model import Predict, PredictionLike, ZeroColumns
 from truing.inference.observations import Frames, Observations
 

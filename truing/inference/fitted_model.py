@@ -11,13 +11,13 @@ import numpy as np
 
 from truing.inference.arrays import Array
 from truing.inference.fit import Fit
-from truing.inference.linear_problem import Contribution, rows_by_source
 from truing.inference.model import CauseT, Model, PartialDesign, SceneLike
 from truing.inference.noise import NoiseComponents, components, informative_residuals, input_squares, standardised
 from truing.inference.observations import Observations
 from truing.inference.prediction import DeclaredNoise, NoiseFloor, PredictionError, noise_floor, prediction_error
 from truing.inference.scatter import InputResiduals, input_residuals
 from truing.inference.signatures import Pathways, pathways_of
+from truing.inference.variance_sources import Contribution, rows_by_source
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Whitened linear problem of one fit: measured minus predicted, derivatives, priors, and the projection onto residuals.
+"""Whitened linear problem of one fit: elimination of unknowns, next step, covariance, projection onto residuals.
 
 Rows are measurements and priors, each divided by its standard deviation. Unknowns are in prior standard deviations, so
 a prior is a row of the identity. Local unknowns are eliminated epoch by epoch, shared ones by one orthogonal basis;
@@ -7,89 +7,23 @@ a prior is a row of the identity. Local unknowns are eliminated epoch by epoch, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
+from truing.inference.linearised_model import LinearisedModel
 from truing.inference.shared_rows import SharedRows
 
 # Zero rows of missing observations are left out of products if fewer than this share of all rows is present.
 _FEW_MISSING = 0.9
-# Columns that act in at most the first share of the epochs are stored only there, if no epoch keeps more than the
-# second share of all columns. This saves memory where each run has an unknown zero.
-_FEW_EPOCHS, _MOST_KEPT = 0.25, 0.5
-# Sources of variance besides the kinds of shared unknowns, which have names of their own.
-OBSERVATIONS, INPUTS, PRIOR_CAMPAIGN = "observations", "inputs", "earlier"
-PLAUSIBLE, WIDE = "plausible", "wide"
-
-
-@dataclass(frozen=True)
-class LinearisedModel:
-    """Measured minus predicted and derivatives at given unknowns; whitened, zero where missing.
-
-    Where many shared unknowns act in few epochs each (the zeros of runs), ``by_shared`` is compact: the C columns of an
-    epoch belong to the unknowns ``columns`` (B, C). The first ``common`` columns are the same in all epochs, the others
-    act only there; G marks an empty column.
-    """
-
-    residual: Array  # (B, M) rows of each epoch
-    by_local: Array  # (B, M, H)
-    by_shared: Array  # (B, M, G), or (B, M, C)
-    local_value: Array  # (B, H) distance from the prior's mean, in prior sigmas
-    shared_value: Array  # (G,)
-    extra_residual: Array  # (E,) rows that concern no epoch
-    extra_by_shared: Array  # (E, G)
-    present: Mask  # (B, M) which rows were measured
-    local_known: Mask  # (H,) True where the prior is knowledge, False where it only keeps the equations scaled
-    shared_known: Mask  # (G,)
-    columns: Integers | None = None
-    common: int = 0
-
-    def moved(self, shared: Array) -> Array:
-        """Return the change of the rows (B, M, ...) by shared unknowns (G, ...)."""
-        if self.columns is None:
-            return np.asarray(self.by_shared @ shared)
-        own = np.concatenate([shared, np.zeros((1, *shared.shape[1:]))])[self.columns]
-        return np.asarray(self.by_shared @ own if shared.ndim > 1 else (self.by_shared @ own[..., None])[..., 0])
-
-    def without(self, epochs: Mask) -> LinearisedModel:
-        """Return the problem without the measurements of some epochs (B,), whose local unknowns are zero."""
-        mask = ~epochs[:, None]
-        return replace(
-            self,
-            residual=self.residual * mask,
-            by_local=self.by_local * mask[..., None],
-            by_shared=self.by_shared * mask[..., None],
-            local_value=self.local_value * mask,
-            present=self.present & mask,
-        )
-
-    def at(self, residual: Array, local_value: Array, shared_value: Array) -> LinearisedModel:
-        """Return the problem with the residuals at other unknowns, and these derivatives.
-
-        Rows that concern no epoch move along their derivatives."""
-        moved = self.extra_by_shared @ (shared_value - self.shared_value)
-        return replace(
-            self,
-            residual=residual,
-            local_value=local_value,
-            shared_value=shared_value,
-            extra_residual=self.extra_residual - moved,
-        )
-
-    @property
-    def squares(self) -> float:
-        """Sum of squares of all rows, priors included."""
-        parts = (self.residual, self.local_value, self.shared_value, self.extra_residual)
-        return float(sum(np.sum(np.square(part)) for part in parts))
 
 
 @dataclass(frozen=True)
 class Whitened:
-    """The problem after elimination of its local unknowns; rows: epochs with local priors, extra rows,
+    """The problem after elimination of its local unknowns. Rows: epochs with local priors, extra rows,
     shared priors."""
 
     problem: LinearisedModel
@@ -427,22 +361,6 @@ def _padded(rows: Array, count: int) -> Array:
     return np.concatenate([rows, np.zeros((len(rows), count, rows.shape[2]))], 1)
 
 
-def columns_of(acting: Mask) -> tuple[Integers, int] | None:
-    """Return the columns (B, C) to store for each epoch, and the number of them that are common to all epochs.
-
-    ``acting`` (B, G) marks the columns that act; G stands for an empty column. None where most act in most epochs.
-    """
-    few = acting & (acting.mean(0) <= _FEW_EPOCHS)
-    common = np.flatnonzero(acting.mean(0) > _FEW_EPOCHS)
-    count = few.sum(1)
-    if len(common) + count.max(initial=0) > _MOST_KEPT * acting.shape[1]:
-        return None
-    epoch, column = np.nonzero(few)
-    own = np.full((len(acting), int(count.max(initial=0))), acting.shape[1])
-    own[epoch, np.arange(len(epoch)) - np.repeat(np.cumsum(count) - count, count)] = column
-    return np.concatenate([np.broadcast_to(common, (len(acting), len(common))), own], 1), len(common)
-
-
 def _inverse_of(factor: Array) -> Array:
     """Return the inverse (G, G) of an upper triangular factor."""
     from scipy.linalg.lapack import dtrtri
@@ -466,45 +384,3 @@ def _times_upper(rows: Array, upper: Array) -> Array:
 
 def _with_priors(rows: Array, priors: Array) -> Array:
     return np.concatenate([rows, priors], 1)
-
-
-@dataclass(frozen=True)
-class Contribution:
-    """Contribution of one source to the covariance (P, P) of some parameters, SI, and the redundancy of its rows."""
-
-    source: str
-    covariance: Array
-    freedom: float
-
-
-def rows_by_source(whitened: Whitened, layout: Mapping[str, slice], causes: Set[str], inputs: slice) -> dict[str, Mask]:
-    """Return the rows (N,) of each source; every row belongs to exactly one.
-
-    Priors of causes belong to ``PLAUSIBLE``, priors that are no knowledge to ``WIDE``, others to their kind in the
-    layout.
-    """
-    problem = whitened.problem
-    epochs, height = problem.residual.shape
-    tall = height + problem.local_value.shape[1]
-    first, extra = epochs * tall, len(problem.extra_residual)
-    indices = np.arange(len(whitened.residual))
-    within, of_epoch = indices % tall, indices < first
-    shared = indices - first - extra
-    # An error that the measurements of an epoch share counts as theirs, though it has an unknown of its own.
-    of_observations = np.concatenate([np.ones(height, bool), problem.local_known])
-    of_observations[height + inputs.start : height + inputs.stop] = False
-    found = {
-        OBSERVATIONS: of_epoch & of_observations[within],
-        INPUTS: of_epoch & (within >= height + inputs.start) & (within < height + inputs.stop),
-        PRIOR_CAMPAIGN: ~of_epoch & (shared < 0),
-        PLAUSIBLE: np.zeros(len(indices), bool),
-    }
-    known = np.concatenate([np.zeros(first + extra, bool), problem.shared_known])
-    for name, own in layout.items():
-        is_owned = (shared >= own.start) & (shared < own.stop)
-        if name in causes:
-            found[PLAUSIBLE] |= is_owned
-        else:
-            found[name] = is_owned & known
-    found[WIDE] = ~np.any(list(found.values()), axis=0)
-    return {name: own for name, own in found.items() if own.any()}

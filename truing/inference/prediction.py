@@ -16,7 +16,8 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.fit import Fit, linearise
-from truing.inference.linear_problem import LinearisedModel, Whitened
+from truing.inference.linear_problem import Whitened
+from truing.inference.linearised_model import LinearisedModel
 from truing.inference.model import CauseT, Model
 from truing.inference.observations import Frames, Observations
 

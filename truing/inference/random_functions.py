@@ -12,7 +12,7 @@ MOST_FUNCTIONS = 60  # of one set of inputs
 SCALES = 0.5, 0.9, 1.6  # length scales, in standard deviations of the inputs
 _CORRELATED = 0.02, 0.1  # lengths of correlation in time, as shares of the epochs
 _DISTINCT = 1e-2  # functions below this share of the strongest are dropped
-_REPEATED = 0.7  # fewer distinct values than this share: functions of any form can be told from chance
+_REPEATED = 0.7  # fewer distinct values than this share: functions of any form can be distinguished from chance
 
 
 def smooth_functions(columns: Array, most: int, scales: Sequence[float]) -> Iterator[Array]:
@@ -21,11 +21,11 @@ def smooth_functions(columns: Array, most: int, scales: Sequence[float]) -> Iter
     of which there are at most ``most``."""
     x = standard(columns)
     marks = _landmarks(x, most)
-    among, beside = _exponents(marks, marks), _exponents(x, marks)
+    among, cross = _exponents(marks, marks), _exponents(x, marks)
     for scale in scales:
         values, vectors = np.linalg.eigh(np.exp(among / scale**2))
         is_large = values > 1e-4 * values[-1]
-        yield np.asarray(np.exp(beside / scale**2) @ (vectors[:, is_large] / np.sqrt(values[is_large])))
+        yield np.asarray(np.exp(cross / scale**2) @ (vectors[:, is_large] / np.sqrt(values[is_large])))
 
 
 def rough_functions(order: Array, most: int) -> Iterator[Array]:

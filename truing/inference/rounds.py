@@ -299,8 +299,11 @@ class Round(Generic[CauseT]):
         return float(self.null.raw(squares, CandidateGroup(candidate.kind, effect.rank, effect.input_share), noise))
 
     def is_remainder(self, candidate: CauseCandidate[CauseT]) -> bool:
-        """Return True if a candidate is small compared with a nonparametric effect of the model that acts on the
-        same, and does not vary where the inputs of that effect are equal: what the effect leaves does not either."""
+        """Return True if a candidate is probably a remainder of a nonparametric effect of the model.
+
+        It is small compared with that effect, acts on the same values, and does not vary where the effect's inputs are
+        equal. The remainder of an effect does not vary there either.
+        """
         if self.search is None:
             return False
         pathways, squares = self.search.pathways, self.scores[candidate.key].squares

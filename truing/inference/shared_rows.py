@@ -146,9 +146,9 @@ class SharedRows:
         there."""
         common, wide, few = self.columns[0, : self.common], self._wide, self._few_of_own
         whole = (few @ few.T).toarray()
-        beside = few @ wide
-        whole[:, common] = beside
-        whole[common] = beside.T
+        cross = few @ wide
+        whole[:, common] = cross
+        whole[common] = cross.T
         whole[np.ix_(common, common)] = wide.T @ wide
         gram = np.asarray(whole[: self.size, : self.size])
         gram[np.diag_indices(self.size)] += 1.0  # the priors
@@ -162,11 +162,11 @@ class SharedRows:
         """
         if self._eliminated is None:
             return None
-        exact, squares, beside, left = self._eliminated
+        exact, squares, cross, left = self._eliminated
         solution = values / squares
         solution[exact] = 0.0
-        solution[exact] = np.linalg.solve(left, values[exact] - beside.T @ solution)
-        return np.asarray(solution - beside @ solution[exact] / squares)
+        solution[exact] = np.linalg.solve(left, values[exact] - cross.T @ solution)
+        return np.asarray(solution - cross @ solution[exact] / squares)
 
     @cached_property
     def _eliminated(self) -> tuple[Integers, Array, Array, Array] | None:
@@ -178,9 +178,9 @@ class SharedRows:
             return None
         wide = np.concatenate([wide, few[exact].toarray().T], 1)
         exact = np.concatenate([self.columns[0, : self.common], exact])
-        squares, beside = 1.0 + few.power(2).sum(1)[: self.size], (few @ wide)[: self.size]
-        squares[exact], beside[exact] = 1.0, 0.0
-        return exact, squares, beside, np.eye(len(exact)) + wide.T @ wide - beside.T @ (beside / squares[:, None])
+        squares, cross = 1.0 + few.power(2).sum(1)[: self.size], (few @ wide)[: self.size]
+        squares[exact], cross[exact] = 1.0, 0.0
+        return exact, squares, cross, np.eye(len(exact)) + wide.T @ wide - cross.T @ (cross / squares[:, None])
 
     @property
     def _overlapping(self) -> Integers | None:
@@ -199,12 +199,12 @@ class SharedRows:
         wide = np.zeros((self.size + 1, self.size + 1))
         wide[: self.size, : self.size] = covariance
         common, blocks = self.columns[0, : self.common], []
-        among, beside = wide[np.ix_(common, common)], wide[:, common]
+        among, cross = wide[np.ix_(common, common)], wide[:, common]
         for first in range(0, len(self.own), _AT_ONCE):
             block = self.own[first : first + _AT_ONCE, rows]
             few = self.columns[first : first + _AT_ONCE, self.common :]
             alike, single = block[..., : self.common], block[..., self.common :]
-            both = (single @ beside[few]) @ np.swapaxes(alike, 1, 2)
+            both = (single @ cross[few]) @ np.swapaxes(alike, 1, 2)
             blocks.append((alike @ among) @ np.swapaxes(alike, 1, 2) + both + np.swapaxes(both, 1, 2))
             blocks[-1] += single @ wide[few[:, :, None], few[:, None]] @ np.swapaxes(single, 1, 2)
         return np.concatenate(blocks)
@@ -215,9 +215,9 @@ class SharedRows:
         wide[: self.size, : self.size] = covariance
         common, few = self.columns[0, : self.common], self.columns[:, self.common :]
         alike, single = self.own[..., : self.common], self.own[..., self.common :]
-        beside = single @ wide[:, common][few] if few.shape[1] else 0.0
+        cross = single @ wide[:, common][few] if few.shape[1] else 0.0
         single_squares = np.sum(single @ wide[few[:, :, None], few[:, None]] * single, -1) if few.shape[1] else 0.0
-        return np.asarray(np.sum((alike @ wide[np.ix_(common, common)] + 2.0 * beside) * alike, -1) + single_squares)
+        return np.asarray(np.sum((alike @ wide[np.ix_(common, common)] + 2.0 * cross) * alike, -1) + single_squares)
 
     def mapped(self, matrix: Array, kind: type[np.floating] = np.float64) -> Array:
         """Products (N, P) of all rows with a matrix (G, P), in a given precision; formed for some epochs at a time."""

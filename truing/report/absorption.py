@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from truing.report.calibration.calibrations import Key
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, label, panel_grid, style
-from truing.report.numbers import count_text, plain, with_uncertainty
+from truing.report.numbers import count_text, plain, printed, with_uncertainty
 from truing.report.parameter_names import kind_of, name_of, print_unit
 from truing.report.tables import Row, Tables, table_or_none
 
@@ -107,13 +107,13 @@ def most_shifted_words(absorbed: pd.DataFrame | None) -> str:
 def _bias(r: Row) -> str:
     """``u_x of leg 6 by about -298 mrad (149 times its tolerance; the fit gave -135 ± 35 mrad)``."""
     factor, unit = print_unit(r.parameter, r.unit)
-    beside = []
+    details = []
     if r.tolerance == r.tolerance:
-        beside.append(f"{r.size:.0f} times its tolerance" if r.size >= 9.5 else f"{r.size:.1f} times its tolerance")
+        details.append(f"{r.size:.0f} times its tolerance" if r.size >= 9.5 else f"{r.size:.1f} times its tolerance")
     if r.observed == r.observed:
-        beside.append(f"the fit gave {with_uncertainty(factor * r.observed, factor * r.sigma, unit)}")
+        details.append(f"the fit gave {with_uncertainty(factor * r.observed, factor * r.sigma, unit)}")
     bias_text = f"{name_of(r.parameter, r.leg)} by about {plain(factor * r.predicted)} {unit}".strip()
-    return f"{bias_text} ({'; '.join(beside)})" if beside else bias_text
+    return printed(f"{bias_text} ({'; '.join(details)})" if details else bias_text)
 
 
 def agreement(absorbed: pd.DataFrame) -> str:

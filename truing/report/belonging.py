@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, RotationForm, SlipKind
 from truing.report.numbers import two_decimals
 
 _MOST = 6  # subjects that a sentence lists
@@ -30,6 +30,16 @@ _OF_RUNS = ("loads-against-readings", "signals-against-loads", "copied-runs")  #
 _OF_DESCRIPTION = ("loads-against-readings", "signals-against-loads")  # relations that [mechanism] predicts
 _OF_READINGS = "readings-against-poses"
 _GOOD = 10.0  # %, misfit that tolerances and gains usually leave
+_FORCE_FACTORS = {
+    1e3: "kN in place of N",
+    1e-3: "N in place of kN, or mN in place of N",
+    10.0: "daN in place of N",
+    0.1: "N in place of daN",
+    9.80665: "kgf in place of N",
+    1.0 / 9.80665: "N in place of kgf",
+    4.4482216152605: "lbf in place of N",
+    1.0 / 4.4482216152605: "N in place of lbf",
+}
 # Names of factors by quantity: recorded unit, and right unit.
 _FACTORS = {
     "length": {
@@ -48,26 +58,8 @@ _FACTORS = {
         1.0 / 0.9: "degrees in place of gon",
     },
     "mass": {1e-3: "g in place of kg", 1.0 / 9.80665: "N in place of kg"},
-    "load": {
-        1e3: "kN in place of N, kN m in place of N m",
-        1e-3: "N in place of kN, or mN in place of N",
-        10.0: "daN in place of N",
-        0.1: "N in place of daN",
-        9.80665: "kgf in place of N",
-        1.0 / 9.80665: "N in place of kgf",
-        4.4482216152605: "lbf in place of N",
-        1.0 / 4.4482216152605: "N in place of lbf",
-    },
-    "force": {
-        1e3: "kN in place of N",
-        1e-3: "N in place of kN, or mN in place of N",
-        10.0: "daN in place of N",
-        0.1: "N in place of daN",
-        9.80665: "kgf in place of N",
-        1.0 / 9.80665: "N in place of kgf",
-        4.4482216152605: "lbf in place of N",
-        1.0 / 4.4482216152605: "N in place of lbf",
-    },
+    "load": _FORCE_FACTORS | {1e3: "kN in place of N, kN m in place of N m"},
+    "force": _FORCE_FACTORS,
     "torque": {
         1e3: "kN m in place of N m, or m in place of mm",
         10.0: "daN m in place of N m",
@@ -145,7 +137,7 @@ _REASONS = {
     "one-pose": "were not compared: there is only one",
     "one-run": "were not compared: there is only one",
     "trace-of-range": "were not compared: the loads are only a very small part of the range in [loading]",
-    "distinct": "contain no copy of another",
+    "distinct": "are all different: none is a copy of another",
     "no-copies": "contain no copied rows (equal in every digit; tested: at least eight rows and a fifth of the shorter "
     "run)",
     "no-whole-copies": "differ: no two are equal in every digit. Copies of a part cannot be detected in these data",
@@ -258,30 +250,25 @@ def _coupled(slip: RecordSlip, how: str, key: str) -> str:
 
 
 _INVERSE = "as their inverses (the frame as seen from the body)"
-_BODY_AXES = "along the axes of the body (Rᵀp in place of p)"
-_OF_INVERSE = "of the inverse poses (−Rᵀp in place of p)"
 _OTHER_END = "as quaternions with the scalar at the other end (w, x, y, z against x, y, z, w)"
-_INVERSION = (
-    f"{_INVERSE}, as quaternions with the scalar at the other end (w, x, y, z against x, y, z, w), or as rotation "
-    "vectors with two components exchanged or one of opposite sign (equivalent where base and tool are unknown)"
-)
+_FORMS = {
+    RotationForm.INVERSE: _INVERSE,
+    RotationForm.INVERSION: f"{_INVERSE}, {_OTHER_END}, or as rotation vectors with two components exchanged or one of "
+    "opposite sign (equivalent where base and tool are unknown)",
+    RotationForm.BODY_AXES: "along the axes of the body (Rᵀp in place of p)",
+    RotationForm.OF_INVERSE: "of the inverse poses (−Rᵀp in place of p)",
+    RotationForm.SCALAR_AT_OTHER_END: _OTHER_END,
+    RotationForm.VECTOR: "as rotation vectors, in place of Euler angles",
+}
 
 
 def _rotation(slip: RecordSlip) -> str:
-    written, *rows = slip.subjects
-    if written.startswith("components "):
-        order = ", ".join(written.removeprefix("components "))
-        return f"{slip.quantity} with {order} in the columns of x, y, z"
-    otherwise = {
-        "inverse": _INVERSE,
-        "inversion": _INVERSION,
-        "body axes": _BODY_AXES,
-        "of the inverse": _OF_INVERSE,
-        "scalar at the other end": _OTHER_END,
-        "rotation vector": "as rotation vectors, in place of Euler angles",
-    }
-    read = f'as Euler angles, read otherwise: [poses] euler = "{written}"'
-    return " ".join([slip.quantity, *([listed(rows)] if rows else []), otherwise.get(written, read)])
+    if slip.form is RotationForm.AXES:
+        return f"{slip.quantity} with {', '.join(slip.order)} in the columns of x, y, z"
+    assert slip.form is not None  # every slip of rotations has one
+    rows = slip.subjects[1:]
+    form = _FORMS.get(slip.form, f'as Euler angles in another order: [poses] euler = "{slip.order}"')
+    return " ".join([slip.quantity, *([listed(rows)] if rows else []), form])
 
 
 def _late(slip: RecordSlip) -> str:

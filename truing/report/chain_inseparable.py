@@ -23,7 +23,7 @@ _MOST = 4  # numbers of links in a combination that is shown; the artifact holds
 _SINGLY = 2  # numbers of the base, or places of targets, that are named one by one
 _MILLI = 1e3
 _HEADS = (
-    Head("change together", "Changes of numbers that together move no measurement, or less than was known before."),
+    Head("change together", "Changes of numbers that together change no measurement, or too little to be seen."),
     Head("would separate them", "What a further campaign needs to separate these numbers."),
     Head(
         "pose", "Readings of a pose that would separate them, within the ranges of the joints; collisions not tested."
@@ -57,9 +57,9 @@ def inseparable_words(table: pd.DataFrame, numbers: pd.DataFrame) -> str:
         f"{remedies.count(key)} by {words}" for key, words in _REMEDIES.items() if key in remedies and key != _NONE
     ]
     left = remedies.count(_NONE)
-    parts += [f"{left} by no pose of the joints"] if left else []
-    total = count_text(len(remedies), "combination")
-    return f"These poses do not separate {total} of numbers, which would be separated: {', '.join(parts)}."
+    text = f"These poses do not separate {count_text(len(remedies), 'combination')} of numbers."
+    text += f" Further data can separate {', '.join(parts)}." if parts else ""
+    return f"{text} No pose of the joints separates {'the other ' if parts else ''}{left}." if left else text
 
 
 def _shown(table: pd.DataFrame, numbers: pd.DataFrame) -> list[pd.DataFrame]:
@@ -75,8 +75,10 @@ def _shown(table: pd.DataFrame, numbers: pd.DataFrame) -> list[pd.DataFrame]:
 
 
 def _together(group: pd.DataFrame) -> str:
-    """Return the members with their changes, scaled to a largest angle of 1 mrad, or a largest length of 1 mm, of the
-    numbers of links; other numbers, if they are many, without their changes."""
+    """Return the members with their changes; many places of the base or of targets are named without changes.
+
+    Changes are scaled: the largest angle of the links' numbers is 1 mrad or, without angles, their largest length 1 mm.
+    """
     own = group[group["number_kind"].isin(_OWN)]
     angles, sizes = own["unit"] == "rad", own["number_change"].abs()
     scale = (1e-3 / sizes[angles].max()) if angles.any() else 1.0 / sizes.max()

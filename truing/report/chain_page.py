@@ -147,7 +147,7 @@ def _opening_sentences(joints: pd.DataFrame, numbers: pd.DataFrame | None) -> st
     if len(far):
         words.append(f"Farther from nominal than {FAR:g} standard deviations of the tolerance: {_named(far)}.")
     elif known["pull"].notna().any():
-        words.append(f"None is farther from nominal than {FAR:g} standard deviations of its tolerance.")
+        words.append(f"No determined number is farther from nominal than {FAR:g} standard deviations of its tolerance.")
     return " ".join(words)
 
 

@@ -50,10 +50,15 @@ def chain_accuracy_words(frames: Frames) -> list[str]:
     return lines
 
 
+def _poses_text(poses: str, count: int) -> str:
+    """Return the poses of a calibration in words: ``the plan of 30 poses``."""
+    return _WHOSE[poses].format(count_text(count, "pose"))
+
+
 def _expected(group: pd.DataFrame) -> str:
     seen = group[group["seen"]]
     sizes = ", ".join(f"{plain(r.error_95)} {sign(str(r.unit))} {_NAMES[str(r.component)]}" for r in seen.itertuples())
-    whose = _WHOSE[str(group["poses"].iloc[0])].format(count_text(int(group["count"].iloc[0]), "pose"))
+    whose = _poses_text(str(group["poses"].iloc[0]), int(group["count"].iloc[0]))
     return f"After a calibration by {whose}, 95 % of the tip's errors over the ranges stay below {sizes}."
 
 
@@ -113,7 +118,7 @@ def chain_accuracy_sections(frames: Frames) -> list[ReportSection]:
     errors, plan = frames["errors"], frames["plan"]
     rows = tuple(
         (
-            _WHOSE[str(r.poses)].format(count_text(int(r.count), "pose")),
+            _poses_text(str(r.poses), int(r.count)),
             _NAMES[str(r.component)],
             *(_sized(getattr(r, name), str(r.unit)) for name in ("error_95", "of_readings_95", "requirement")),
             *(_counted(value) for value in (r.held_out_needed, r.poses_needed)),
@@ -157,7 +162,7 @@ def chain_uniqueness_words(frames: Frames) -> list[str]:
     combinations = frames["combinations"]
     for poses, group in frames["numbers"].groupby("poses", sort=False):
         parts = ", ".join(f"{r.determined} of {r.unknowns} {_KINDS[str(r.kind)][1]}" for r in group.itertuples())
-        whose = _WHOSE[str(poses)].format(count_text(int(group["count"].iloc[0]), "pose"))
+        whose = _poses_text(str(poses), int(group["count"].iloc[0]))
         lines.append(f"{whose[0].upper()}{whose[1:]} determine {parts}.")
         own = combinations[combinations["poses"] == poses]
         if poses == "own":

@@ -46,7 +46,7 @@ def _remaining(steps: list[NextStep]) -> Iterator[str]:
     """Yield sentences on the benefit of further measurements if no point is open."""
     better, untested = (sum(step.need == need for step in steps) for need in (Need.PRECISION, Need.TESTABLE))
     if better:
-        yield f"{count_text(better, 'further measurement')} would only make a known size more precise."
+        yield f"{count_text(better, 'proposal')} for further measurements would only make a known size more precise."
     if untested:
         kinds = "1 kind of cause" if untested == 1 else f"{untested} kinds of causes"
         yield f"{kinds} could not be tested with these data."

@@ -101,8 +101,8 @@ def test_redundancy_numbers_add_up_to_the_redundancy(seed, images, repeat, known
     weights = rng.uniform(0.1, 1, network.rays.count)
     found = adjust(noisy(rng, uneven(rng, network)), disturbed(rng, truth), "known", used=used, weights=weights)
     numbers = [found.covariance.redundancy_numbers(), *found.covariance.prior_redundancy_numbers()]
-    of_rays = numbers[0][np.isfinite(numbers[0][:, 0])].sum(-1)  # the two of a ray, which are correlated
-    assert np.all((of_rays > -1e-7) & (of_rays < 2 + 1e-7))
+    ray_factors = numbers[0][np.isfinite(numbers[0][:, 0])].sum(-1)  # the two of a ray, which are correlated
+    assert np.all((ray_factors > -1e-7) & (ray_factors < 2 + 1e-7))
     np.testing.assert_allclose(sum(np.nansum(part) for part in numbers), found.redundancy, rtol=1e-6)
 
 

@@ -18,7 +18,7 @@ from truing.estimation.bundle.data_snooping import (
 )
 from truing.estimation.bundle.network import Bars
 from truing.estimation.bundle.ray_tests import critical_values, p_values, ray_tests
-from truing.estimation.bundle.variance_components import grouped
+from truing.estimation.bundle.variance_components import initial_components
 
 from .photographed import photograph, simulate
 from .test_start_values import without
@@ -98,7 +98,7 @@ def shifted_ray_tests(made, cov, shift, used):
     stated = np.broadcast_to(cov, rays.cov_px2.shape).copy()
     network = replace(made.network, rays=replace(rays, xy_px=xy, cov_px2=stated))
     adjusted = adjust(network, made.truth, "free", used=used)
-    return ray_tests(adjusted, grouped(network, used, np.ones(rays.count)))
+    return ray_tests(adjusted, initial_components(network, used, np.ones(rays.count)))
 
 
 def test_both_coordinates_of_a_ray_are_tested_together_in_the_network_or_out_of_it():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truing.estimation.bundle.data_snooping import adjust_robustly
-from truing.estimation.bundle.variance_components import POOLED, global_test, grouped
+from truing.estimation.bundle.variance_components import POOLED, global_test, initial_components
 
 from .photographed import simulate
 
@@ -41,11 +41,11 @@ def test_small_groups_are_pooled_and_reported():
     made = simulate(seed=3, images=8, points=30)
     network = with_kinds(made, (0.0, 0.0, 0.0), np.random.default_rng(0), (0.97, 0.02, 0.01))
     each = np.full(network.rays.count, 1.5)
-    components = grouped(network, np.ones(network.rays.count, bool), each)
+    components = initial_components(network, np.ones(network.rays.count, bool), each)
     assert len(components.factor) == 1
     assert components.kind.tolist() == [POOLED]
     network = with_kinds(made, (0.0, 0.0, 0.0), np.random.default_rng(0), (0.8, 0.1, 0.1))
-    components = grouped(network, np.ones(network.rays.count, bool), each)
+    components = initial_components(network, np.ones(network.rays.count, bool), each)
     assert components.kind.tolist() == [0, 1, 2]
 
 

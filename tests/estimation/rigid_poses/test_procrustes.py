@@ -38,7 +38,7 @@ def test_a_survey_alone_in_one_pose_is_the_maximum_likelihood_pose():
     assert_close(joint.poses.covariance, single.covariance, atol=1e-3 * np.abs(single.covariance).max())
 
 
-def test_with_a_survey_poses_and_shape_err_as_stated():
+def test_errors_with_a_survey_match_the_covariance():
     rng = np.random.default_rng(72)
     pose_pulls, shape_pulls, survey_error, shape_error = [], [], 0.0, 0.0
     for _ in range(60):
@@ -58,8 +58,8 @@ def test_with_a_survey_poses_and_shape_err_as_stated():
 
 
 @pytest.mark.slow
-def test_without_a_survey_shape_and_poses_err_as_stated():
-    """Up to the frame that nothing fixes: estimate and truth are compared after the best motion between them."""
+def test_errors_without_a_survey_match_the_covariance():
+    """The frame is free: estimate and truth are compared after the best motion between them."""
     rng = np.random.default_rng(73)
     shape_pulls, pose_pulls = [], []
     for _ in range(60):
@@ -78,8 +78,8 @@ def test_without_a_survey_shape_and_poses_err_as_stated():
     assert np.mean(pose_pulls) == pytest.approx(6.0, abs=4 * np.sqrt(12 / 60))
 
 
-def test_the_survey_counts_once_however_many_poses_there_are():
-    """More poses sharpen the shape, but never the survey's own frame: that stays as sure as the survey was."""
+def test_the_survey_counts_once_for_any_number_of_poses():
+    """More poses improve the shape, but not the survey's frame, whose covariance stays that of the survey."""
     rng = np.random.default_rng(74)
     x, survey, y, mask, _, _ = measured(rng, 400, 6, seen=2.0)
     fit = generalised_procrustes(y, isotropic(400, 6), mask, survey, isotropic(6), deforming=False)
@@ -131,7 +131,7 @@ def test_results_are_independent_of_the_unit_of_length(seed):
     assert_close(in_mm.deformation, 1e3 * fit.deformation, atol=1e-5)
 
 
-def test_a_target_and_a_pose_that_nothing_ties_are_left_out_by_name():
+def test_undetermined_targets_and_poses_are_left_out_with_a_status():
     rng = np.random.default_rng(77)
     _, survey, y, mask, _, _ = measured(rng, 6, 8, seen=2.0)
     survey[7] = np.nan

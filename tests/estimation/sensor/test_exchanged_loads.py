@@ -41,7 +41,7 @@ def test_several_exchanges_are_found_one_after_the_other():
 
 
 def test_rows_exchanged_in_two_runs_with_the_same_loads_are_reported_within_each():
-    """Each of the four rows would be right with the load of either run: nobody writes from one day into another."""
+    """Each of the four rows would fit the load of either run; an exchange within a run is the more probable mistake."""
     for seed in range(4):
         rng = np.random.default_rng(seed)
         own, case = loads(rng, 6)
@@ -53,11 +53,11 @@ def test_rows_exchanged_in_two_runs_with_the_same_loads_are_reported_within_each
         assert {(one.first, one.second) for one in found} == {(13, 14), (half + 13, half + 14)}
 
 
-def test_nothing_is_exchanged_in_good_tables():
+def test_no_exchange_is_found_in_good_tables():
     assert sum(len(exchanged_loads(_table(seed))) for seed in range(20)) == 0
 
 
-def test_gross_errors_are_no_exchange():
+def test_gross_errors_are_not_reported_as_exchanges():
     for seed in range(5):
         table, rng = _table(seed), np.random.default_rng(seed)
         written = table.loads.copy()
@@ -82,8 +82,8 @@ def test_a_component_that_was_never_applied_does_not_disturb():
     assert [(one.first, one.second, one.components) for one in found] == [(4, 30, (5,))]
 
 
-def test_signals_whose_zero_moves_between_runs_are_no_exchange() -> None:
-    """Runs along one axis each: a row that misses by the zero of its run alone could stand in another's place."""
+def test_zeros_that_differ_between_runs_are_not_reported_as_exchanges() -> None:
+    """Each run loads one axis: a row that misses by the zero of its run could seem exchanged with another row."""
     share = np.concatenate([np.arange(0, 8), np.arange(6, -8, -1), np.arange(-6, 1)]) / 7.0
     applied = np.concatenate([share[:, None] * one for one in np.diag(RANGE)])
     run = np.repeat(np.arange(6), len(share))

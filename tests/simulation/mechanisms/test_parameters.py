@@ -20,7 +20,7 @@ def _machine(kind: str = "6-pus") -> Machine:
 
 
 def _tilted() -> Machine:
-    """Actuators in three directions, one of them backwards, none of them along an axis."""
+    """Actuators in three directions, one of them reversed, none along an axis."""
     machine = _machine()
     u = np.repeat([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]], 2, 0) @ exp_so3(np.array([0.2, 0.1, -0.3])).T
     return replace(machine, legs=machine.legs.replace(u=u))
@@ -31,33 +31,35 @@ EVERYTHING = {"rho0": True, "flexure_length": True, "sections": True}
 
 @pytest.mark.parametrize("machine", [_machine(), _tilted(), _machine("ups")])
 @pytest.mark.parametrize("deformation", ["none", "linear", "matrix"])
-def test_a_machine_is_its_values(machine: Machine, deformation: str) -> None:
-    everything = full_set(machine, deformation, **EVERYTHING)
-    values = everything.values(machine) + 1e-3 * np.random.default_rng(0).normal(size=len(everything))
-    moved = everything.machine(machine, values)
-    assert_close(everything.values(moved), values, atol=0.0, what="values")
+def test_values_determine_the_machine(machine: Machine, deformation: str) -> None:
+    parameters = full_set(machine, deformation, **EVERYTHING)
+    values = parameters.values(machine) + 1e-3 * np.random.default_rng(0).normal(size=len(parameters))
+    moved = parameters.machine(machine, values)
+    assert_close(parameters.values(moved), values, atol=0.0, what="values")
     assert_close(np.sum(moved.legs.u**2, -1), np.ones(6), atol=1e-15, what="|u|^2")
     assert (np.sum(moved.legs.u * machine.legs.u, -1) > 0.99).all()
 
 
 @pytest.mark.parametrize("machine", [_machine(), _tilted()])
 def test_the_change_of_a_machine_agrees_with_a_complex_step(machine: Machine) -> None:
-    everything, step = full_set(machine, "matrix", **EVERYTHING), 1e-30
-    start = everything.machine(machine, everything.values(machine))
-    change = everything.change(start)
-    nudged = everything.machine(machine, everything.values(machine) + 1j * step * np.eye(len(everything)))
+    parameters, step = full_set(machine, "matrix", **EVERYTHING), 1e-30
+    start = parameters.machine(machine, parameters.values(machine))
+    change = parameters.change(start)
+    stepped = parameters.machine(machine, parameters.values(machine) + 1j * step * np.eye(len(parameters)))
     for field in ("a", "b", "u", "l", "rho0"):
-        expected = np.moveaxis(getattr(nudged.legs, field).imag, 0, -1) / step
+        expected = np.moveaxis(getattr(stepped.legs, field).imag, 0, -1) / step
         assert_close(change.fields[field], expected, atol=1e-14, what=field)
     for field in ("deformation", "flexure_length"):
-        assert_close(change.fields[field], np.moveaxis(getattr(nudged, field).imag, 0, -1) / step, atol=0.0, what=field)
+        assert_close(
+            change.fields[field], np.moveaxis(getattr(stepped, field).imag, 0, -1) / step, atol=0.0, what=field
+        )
     for field in ("flexure", "tube"):
-        section = getattr(nudged, field)
+        section = getattr(stepped, field)
         expected = np.stack([section.bending, section.axial, section.torsion]).imag / step
         assert_close(change.fields[field], expected, atol=0.0, what=field)
 
 
-def test_values_may_lead_with_a_batch() -> None:
+def test_values_may_have_leading_batch_axes() -> None:
     machine = _machine()
     chosen = report_set(machine, "linear")
     batch = chosen.values(machine) + np.random.default_rng(1).normal(0.0, 1e-4, (3, 1, len(chosen)))
@@ -87,7 +89,7 @@ def test_the_diagonal_moves_while_the_rest_of_the_matrix_stays() -> None:
     assert_close(found, np.where(np.eye(6, dtype=bool), 0.5, K), atol=0.0, what="K")
 
 
-def test_parameters_are_called_as_in_the_tables() -> None:
+def test_parameter_names_are_those_of_the_tables() -> None:
     machine = _machine()
     assert full_set(machine, "none").labels[:3] == ("a_x1", "a_x2", "a_x3")
     assert [entry.name for entry in deformation_set(machine, "matrix").entries][5:8] == ["K16", "K21", "K22"]

@@ -1,14 +1,15 @@
 """Camera model: from directions to image coordinates and back, with principal distance, principal point and distortion.
 
 Frame of a camera: x to the right, y down, z forward, origin in the projection centre. Image coordinates are in pixels,
-x to the right and y down, the centre of the first pixel at (0, 0). With X = (X, Y, Z) in the camera's frame:
+x to the right and y down, the centre of the first pixel at (0, 0). The centre of the format is (x_centre,
+y_centre) = ((width - 1) / 2, (height - 1) / 2). A point at (X, Y, Z) in the camera's frame appears at (x, y):
 
     xi = c X / Z                  eta = c Y / Z                 r^2 = xi^2 + eta^2
     radial = A1 (r^2 - R0^2) + A2 (r^4 - R0^4) + A3 (r^6 - R0^6)
     x = x_centre + x0 + xi  + xi  radial + B1 (r^2 + 2 xi^2)  + 2 B2 xi eta + C1 xi + C2 eta
-    y = y_centre + y0 + eta + eta radial + B2 (r^2 + 2 eta^2) + 2 B1 xi eta
+    y = y_centre + y0 + eta + eta radial + B2 (r^2 + 2 eta^2) + 2 B1 xi eta.
 
-where the centre is that of the format, ((width - 1) / 2, (height - 1) / 2). Brown (1971), with affinity C1 and shear
+Brown (1971), with affinity C1 and shear
 C2. Balanced radial distortion as in Luhmann et al., Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3.
 All functions take one point per row. Image coordinates are analytic, so complex steps differentiate them.
 """

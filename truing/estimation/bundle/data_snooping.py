@@ -17,7 +17,7 @@ from truing.estimation.bundle.determinable import UndeterminedNetworkError, dete
 from truing.estimation.bundle.network import Network, NetworkState
 from truing.estimation.bundle.ray_tests import RayTests, passing_share, ray_tests
 from truing.estimation.bundle.robust_start import STEP_WITHIN, meeting, robust_start, tolerance_px
-from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, updated
+from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, updated_components
 
 _MOST_ROUNDS = 60
 _STEADY = 1e-3  # relative change of the variance components at convergence
@@ -131,7 +131,7 @@ def _screened(network: Network, rules: _Rules, possible: Mask, active: Mask) -> 
     screening = _screening_end(weak_bars_network, rules, possible, active)
     adjusted, tests, used = screening.adjusted, screening.tests, screening.used
     if weak_bars_network is not network:
-        adjusted = adjust(network, adjusted.state, datum, used=used, variance_factor=screening.components.of_rays())
+        adjusted = adjust(network, adjusted.state, datum, used=used, variance_factor=screening.components.ray_factors())
         tests = ray_tests(adjusted, screening.components)
     tested = int((used & (tests.freedom > 0)).sum())
     stated = adjust(network, adjusted.state, datum, used=used) if with_components else adjusted
@@ -172,11 +172,11 @@ def _screening_end(network: Network, rules: _Rules, possible: Mask, active: Mask
             state,
             datum,
             used=used,
-            variance_factor=components.of_rays(),
+            variance_factor=components.ray_factors(),
             decrease_tolerance=decrease_tolerance,
         )
         state, tests = adjusted.state, ray_tests(adjusted, components)
-        latest = updated(components, adjusted, tests.redundancy_blocks, passing_share(alpha))
+        latest = updated_components(components, adjusted, tests.redundancy_blocks, passing_share(alpha))
         if with_components:
             tests = _rescaled(tests, components, latest)
         fails, passes = _verdicts(network, used, tests, alpha)
@@ -215,7 +215,7 @@ def _with_loose_bars(network: Network) -> Network:
 
 def _rescaled(tests: RayTests, components: VarianceComponents, latest: VarianceComponents) -> RayTests:
     """Return the tests rescaled to the latest components, which are estimated from the same residuals."""
-    ratio = latest.of_rays() / components.of_rays()
+    ratio = latest.ray_factors() / components.ray_factors()
     scale = latest.redundancy[latest.component]
     return replace(tests, T=tests.T / ratio, w=tests.w / np.sqrt(ratio)[:, None], scale_redundancy=scale)
 

@@ -1,9 +1,9 @@
 """Eccentricity of circular targets: offset of the image ellipse's centre from the image of the circle's centre; and
 normals of circles from their ellipses.
 
-A circle about P with unit normal n and radius r is seen by an ideal camera in the directions v with v^T C v = 0,
+A circle about P with unit normal n and radius r is seen by an ideal camera in the directions v with v^T C v = 0:
 
-    C = d^2 1 - d (n P^T + P n^T) + (P^T P - r^2) n n^T,        d = n^T P
+    C = d^2 1 - d (n P^T + P n^T) + (P^T P - r^2) n n^T,        d = n^T P.
 
 This cone cuts the image plane in an ellipse. The eccentricity is the offset of its centre from the image of P.
 Distortion bends the ellipse; its centre is then that of the best-fitting ellipse. Directions are in camera axes. Dold

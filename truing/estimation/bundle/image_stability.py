@@ -221,7 +221,7 @@ def _adjusted_by_setting(adjusted_network: AdjustedNetwork, stable: list[ImageSt
         return None
     split = replace(network, cameras=tuple(cameras), image_camera=image_camera)
     begin = replace(state, interior=np.array(interior))
-    factor = adjusted_network.screened.components.of_rays()
+    factor = adjusted_network.screened.components.ray_factors()
     try:
         return adjust(split, begin, adjusted.datum, used=adjusted.used, variance_factor=factor)
     except UndeterminedNetworkError:

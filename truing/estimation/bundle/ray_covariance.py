@@ -1,12 +1,13 @@
 """Covariance of a large pose: every point alone, and any of them jointly, without the joint covariance of all.
 
 Given the common unknowns, the kept unknowns (images, and ends of distances) have the covariance K. A point that was
-eliminated with block N and rays W is x = x0 - N^-1 W^T k. With the entries f = -N^-1 W^T of its rays,
+eliminated with block N and rays W is x = x0 - N^-1 W^T k. Its rays have the entries f = -N^-1 W^T:
 
     cov(x_p, x_q) = [p = q] N_p^-1 + f_p K f_q^T,    cov(k, x_p) = K f_p^T.
 
-A kept point has the entry 1 at its own place. The datum is S = 1 - G F as in `Datum`; with D = F C, E = D F^T of the
-covariance C of all points before, the covariance in the datum is C - G D - D^T G^T + G E G^T. Nothing is neglected.
+A kept point has the entry 1 at its own place. The datum is S = 1 - G F as in `Datum`. C is the covariance of all
+points before the datum; D = F C and E = D F^T. In the datum, the covariance is C - G D - D^T G^T + G E G^T. Nothing is
+neglected.
 """
 
 from __future__ import annotations

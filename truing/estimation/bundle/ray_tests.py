@@ -53,7 +53,7 @@ def passing_share(alpha: float) -> float:
 
 def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
     """Return the tests of all rays of an adjustment with the components' variance factors."""
-    C = adjusted.network.rays.cov_px2 * components.of_rays()[:, None, None]
+    C = adjusted.network.rays.cov_px2 * components.ray_factors()[:, None, None]
     A, used, v = adjusted.covariance.computed_px2(), adjusted.used, adjusted.residuals_px
     is_finite = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(v).all(axis=1))
     A, v = np.where(is_finite[:, None, None], A, 0.0), np.where(is_finite[:, None], v, 0.0)

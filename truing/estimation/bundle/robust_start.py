@@ -14,7 +14,7 @@ from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import determinable
 from truing.estimation.bundle.network import Network, NetworkState
 from truing.estimation.bundle.orientation import Bundle, intersect
-from truing.estimation.bundle.variance_components import VarianceComponents, grouped
+from truing.estimation.bundle.variance_components import VarianceComponents, initial_components
 
 STEP_WITHIN = 1e-6  # remaining sum of squares between rounds: no residual is off by more than 0.001 standard deviations
 _ROBUST_ROUNDS = 8
@@ -39,9 +39,9 @@ def robust_start(
         residual_length = np.sqrt(np.einsum("ni,nij,nj->n", v, inverse, v))
         if step == 0:
             redundancy = np.full(network.rays.count, adjusted.redundancy / max(int(used.sum()), 1))
-            components = grouped(network, used, redundancy)
+            components = initial_components(network, used, redundancy)
         components = _by_median(components, residual_length, used, adjusted.redundancy)
-        residual_length = residual_length / np.sqrt(components.of_rays())
+        residual_length = residual_length / np.sqrt(components.ray_factors())
         with np.errstate(divide="ignore", invalid="ignore"):
             bounded = np.minimum(1.0, _BOUND / residual_length)
         latest = np.maximum(np.nan_to_num(bounded if step < 3 else bounded**3), 1e-9)
@@ -73,7 +73,7 @@ def _intersected_again(
 
 def tolerance_px(network: Network, rays: Index, components: VarianceComponents) -> Array:
     """Return the residual size (n,) in px above which rays are suspects."""
-    variance = np.einsum("nii->n", network.rays.cov_px2[rays]) / 2 * components.of_rays()[rays]
+    variance = np.einsum("nii->n", network.rays.cov_px2[rays]) / 2 * components.ray_factors()[rays]
     return _SUSPECT * np.sqrt(variance)
 
 

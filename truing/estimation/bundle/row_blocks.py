@@ -74,8 +74,10 @@ class RowBlocks:
 
 
 def is_large(images: Index, points: Index) -> Mask:
-    """Return the poses (S,), from their numbers of images and points, whose points are eliminated ray by ray. Where
-    points leave the smaller system, the images are eliminated, and the covariance of points is found whole."""
+    """Return the poses (S,) whose points are eliminated ray by ray, from their numbers of images and points.
+
+    In other poses, the images are eliminated if that leaves the smaller system; the covariance of all points is dense.
+    """
     return np.asarray((points > MOST_DENSE_POINTS) & (points > 2 * images))
 
 
@@ -127,7 +129,7 @@ def point_rays(image: Index, point: Index, tied: Mask, images: int) -> PointRays
 
 
 def put_tied_rows(rays: PointRays, blocks: Array, kept: Array) -> None:
-    """Add the blocks (n, 6, 3) of the rays of tied points to the kept system (k, k), whose rows of images they are."""
+    """Add the image-by-point blocks (n, 6, 3) of the rays of tied points to the kept system (k, k)."""
     row = rays.tied_image_place[:, None, None] + np.arange(6)[:, None]
     column = rays.tied_place[:, None, None] + np.arange(3)
     np.add.at(kept, (row, column), blocks[rays.tied_rays])

@@ -8,7 +8,7 @@ several field widths.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -200,15 +200,12 @@ def oriented_pose(network: Network, interior: Array, corners: Index, size_m: Arr
 
     Principal distances are tried at several field widths if the given ones (C,) are NaN, or if they are free and fail.
     """
-    best, best_score = prepare(network, np.nan_to_num(interior, nan=1.0)), -1.0
-    for values, max_seeds in _interiors(network, interior):
-        rng = np.random.default_rng(0)  # a fixed seed makes the start reproducible
-        trial, score = _best_seed(network, prepare(network, values), corners, size_m, rng, max_seeds)
-        is_clear = _is_clear(network, trial)
-        if is_clear or score > best_score:
-            best, best_score = trial, score
-        if is_clear:
-            break
+    trials = (
+        # A fixed seed makes the start reproducible.
+        _best_seed(network, prepare(network, values), corners, size_m, np.random.default_rng(0), max_seeds)
+        for values, max_seeds in _interiors(network, interior)
+    )
+    best, _ = _first_clear_or_best(network, trials, (prepare(network, np.nan_to_num(interior, nan=1.0)), -1.0))
     return grow(best, np.random.default_rng(0), lambda grown: refined(network, grown))
 
 
@@ -232,16 +229,21 @@ def _best_seed(
     network: Network, empty: Grown, corners: Index, size_m: Array, rng: np.random.Generator, max_seeds: int | None
 ) -> tuple[Grown, float]:
     """Return the best of all seeds, or of the first `max_seeds`, grown to a few images, and its score."""
-    best, best_score = empty, 0.0
-    for seed in islice(_seeds(network, empty, corners, size_m, rng), max_seeds):
-        trial = grow(seed, rng, lambda grown: refined(network, grown), _TRIAL_IMAGES)
-        score = _score(network, trial)
-        is_clear = _is_clear(network, trial)
-        if is_clear or score > best_score:
-            best, best_score = trial, score
-        if is_clear:
-            break
-    return best, best_score
+    seeds = islice(_seeds(network, empty, corners, size_m, rng), max_seeds)
+    grown_seeds = (grow(seed, rng, lambda grown: refined(network, grown), _TRIAL_IMAGES) for seed in seeds)
+    return _first_clear_or_best(network, ((trial, _score(network, trial)) for trial in grown_seeds), (empty, 0.0))
+
+
+def _first_clear_or_best(
+    network: Network, trials: Iterable[tuple[Grown, float]], best: tuple[Grown, float]
+) -> tuple[Grown, float]:
+    """Return the first clear trial with its score, or else the one of the highest score, ``best`` included."""
+    for trial, score in trials:
+        if _is_clear(network, trial):
+            return trial, score
+        if score > best[1]:
+            best = trial, score
+    return best
 
 
 def _ray_distance(grown: Grown) -> Array:

@@ -33,7 +33,7 @@ class VarianceComponents:
     redundancy: Array
     bounded: Mask
 
-    def of_rays(self) -> Array:
+    def ray_factors(self) -> Array:
         """Return the factor (N,) of each ray's covariance."""
         return self.factor[self.component]
 
@@ -66,7 +66,7 @@ def global_test(chi2: float, redundancy: int, alpha: float = 0.05) -> GlobalTest
     return GlobalTest(chi2 / redundancy, float(low), float(high), p_value, alpha)
 
 
-def grouped(network: Network, used: Mask, redundancy: Array) -> VarianceComponents:
+def initial_components(network: Network, used: Mask, redundancy: Array) -> VarianceComponents:
     """Return components with factor one: a group per camera and kind of target, with small groups pooled.
 
     used (N,): rays that count; redundancy (N,) of each. Small groups are pooled with other small ones of their camera.
@@ -101,7 +101,7 @@ def _common(numbers: Index) -> int:
     return int(numbers[0]) if (numbers == numbers[0]).all() else POOLED
 
 
-def updated(
+def updated_components(
     components: VarianceComponents, adjusted: Adjustment, redundancy: Array, accepted_share: float = 1.0
 ) -> VarianceComponents:
     """Return the components after one step from the residuals of an adjustment with the present factors.
@@ -113,7 +113,7 @@ def updated(
     used, group = adjusted.used, components.component[adjusted.used]
     G = len(components.factor)
     v = adjusted.residuals_px[used]
-    P = np.linalg.inv(adjusted.network.rays.cov_px2[used]) / components.of_rays()[used][:, None, None]
+    P = np.linalg.inv(adjusted.network.rays.cov_px2[used]) / components.ray_factors()[used][:, None, None]
     squares = np.bincount(group, np.einsum("ni,nij,nj->n", v, P, v), minlength=G)
     r = np.bincount(group, np.einsum("nii->n", redundancy[used]), minlength=G).astype(float)
     trace_of_squares = np.bincount(group, np.einsum("nij,nji->n", redundancy[used], redundancy[used]), minlength=G)

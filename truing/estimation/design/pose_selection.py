@@ -1,14 +1,14 @@
 """Choice of configurations for calibration: largest determinant (O1), its upper bound, and continuous optimisation.
 
-A design distributes n measurements over candidates by weights w (C,). Leg l of L has the information A_l = G_l + n
-sum_x w_x r_xl r_xl^T from rows r (C, L, q) and prior information G_l; the criterion is sum_l log det A_l (O1 of the
-telescope report, section 6.3). For any other weights v, by concavity and by the inequality of means over the P = L q
-eigenvalues,
+A design distributes n measurements over candidates by weights w (C,). Leg l of L has rows r (C, L, q) and the prior
+information G_l. Its information is A_l = G_l + n sum_x w_x r_xl r_xl^T. The criterion is sum_l log det A_l (O1 of the
+telescope report, section 6.3). A bound for any other weights v follows from concavity and from the inequality of means
+over the P = L q eigenvalues:
 
     log det A(v) <= log det A(w) + P log( (sum_l trace A_l^-1 G_l + n max_x d(x)) / P ),
-    d(x) = sum_l r_xl^T A_l^-1 r_xl,
+    d(x) = sum_l r_xl^T A_l^-1 r_xl.
 
-with equality at the optimum (Kiefer and Wolfowitz, Canad. J. Math. 12 (1960) 363). The bound holds for whole and
+Both sides are equal at the optimum (Kiefer and Wolfowitz, Canad. J. Math. 12 (1960) 363). The bound holds for whole and
 fractional repetitions; an exact choice may stay below it. Legs are independent. A candidate with M measurements of one
 leg has rows (C, L, M, q): its information is the sum over them, and the same inequality holds (Fedorov, Theory of
 Optimal Experiments, 1972, section 5.3).
@@ -255,7 +255,7 @@ def exchange(
 ) -> PoseSelection:
     """Return a choice that no exchange of one configuration for one candidate improves.
 
-    start (N,): initial candidates. Each step makes the best of all N C exchanges, whose gain follows from rank-one
+    start (N,): initial candidates. Each step makes the best of all N C exchanges. The gain follows from rank-one
     updates: det(A + x x^T - y y^T) / det A = (1 + d_xx)(1 - d_yy) + d_xy^2, d_xy = x^T A^-1 y (Fedorov, Theory of
     Optimal Experiments, 1972). Raises ValueError if the start does not determine every leg.
     """

@@ -3,13 +3,13 @@
 A blurred ellipse is fitted to the pixels around each edge, without outlying pixels. The residuals show how elliptic
 the edge is. A pixel at x has the grey value
 
-    I = (ground + contrast (M + T)) (1 + slope . (x - x_start) / size),        M = Phi(-(d + s^2 k / 2) / s)
+    I = (ground + contrast (M + T)) (1 + slope . (x - x_start) / size),        M = Phi(-(d + s^2 k / 2) / s).
 
-with d the distance of x from the ellipse |A (x - centre)| = 1 (outside positive), s the standard deviation of the blur
-(optics, and the pixel's own area with 1/12 px^2), and k the curvature there: blur shifts an edge towards its concave
-side. T is the light of the code's ring, if its word is known (both: `edge_picture`). Each pixel counts once with its
-own noise, so the inverse normal equations are the covariance. At the top of the range the image is clipped; such pixels
-carry no information.
+d is the distance of x from the ellipse |A (x - centre)| = 1 (outside positive), and k is the curvature there: blur
+shifts an edge towards its concave side. s is the standard deviation of the blur (optics, and the pixel's own area with
+1/12 px^2). T is the light of the code's ring, if its word is known (both: `edge_picture`). Each pixel counts once with
+its own noise, so the inverse normal equations are the covariance. At the top of the range the image is clipped; such
+pixels carry no information.
 
 Written here because image processing libraries give centres without a covariance. Importing this module imports numba.
 """

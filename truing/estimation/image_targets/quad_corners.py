@@ -1,11 +1,11 @@
 """Corners of dark quadrangles on a light ground, as intersections of edges fitted to their pixels.
 
-A pixel at t along an edge (0 to 1), d across it (outside positive), and a, the same in units of the band's half width,
-has the grey value
+A pixel lies at t along an edge (0 to 1) and at d across it (outside positive); a is d in units of the band's half
+width. Its grey value is
 
-    I = (ground + contrast Phi(z)) (1 + along (t - 1/2) + across a),        z = (d - (1 - t) first - t last) / blur,
+    I = (ground + contrast Phi(z)) (1 + along (t - 1/2) + across a),        z = (d - (1 - t) first - t last) / blur.
 
-with the blur including the pixel's own area. Pixels near a corner are excluded, since two edges appear there. Lens
+The blur includes the pixel's own area. Pixels near a corner are excluded, since two edges appear there. Lens
 distortion bends a long edge, so only the part within `_REACH` of a corner is used for it. Importing this module imports
 numba.
 """

@@ -42,8 +42,8 @@ def share_of_products(
 ) -> ShareOfProducts | None:
     """Return the part of a channel's residuals that follows products of loads; None where too few rows are free.
 
-    The variance-component score test, with the products of degree two and three of loads along two axes or more,
-    against normal noise that lost the same columns. ``standardized`` (N,): residuals over their noise, of any common
+    Variance-component score test against normal noise that lost the same columns. The products are of degree two and
+    three, of loads along two axes or more. ``standardized`` (N,): residuals over their noise, of any common
     scale; ``removed`` (N, P): columns that were fitted, over the noise; ``load`` (N, 6), ``run`` (N,) in ascending
     order; ``seed`` of the draws by chance.
     """

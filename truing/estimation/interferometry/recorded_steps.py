@@ -106,13 +106,12 @@ def at_reference_temperature(
     temperature_sigma: ArrayLike = 0.0,
 ) -> Corrected:
     """Return lengths in m of a part at 20 degrees C, from lengths at its temperature."""
-    measured, warmer = np.asarray(length, float), np.asarray(temperature_c, float) - REFERENCE_C
-    value = measured / (1.0 + expansion_per_k * warmer)
-    relative = np.hypot(warmer * expansion_sigma, expansion_per_k * np.asarray(temperature_sigma, float))
-    return Corrected(value, np.abs(value) * relative)
+    measured, rise = np.asarray(length, float), np.asarray(temperature_c, float) - REFERENCE_C
+    value = measured / (1.0 + expansion_per_k * rise)
+    return Corrected(value, np.abs(value) * _expansion_sigma(rise, expansion_per_k, expansion_sigma, temperature_sigma))
 
 
-def less_growth(
+def without_frame_growth(
     displacement: ArrayLike,
     frame_length: float,
     expansion_per_k: float,
@@ -127,10 +126,17 @@ def less_growth(
     frame_length in m, positive if growth moves the mirror in the positive direction. temperature_sigma: of the
     difference of the two temperatures.
     """
-    warmer = np.asarray(temperature_c, float) - np.asarray(temperature_at_zero_c, float)
-    value = np.asarray(displacement, float) - frame_length * expansion_per_k * warmer
-    unsure = np.hypot(warmer * expansion_sigma, expansion_per_k * np.asarray(temperature_sigma, float))
-    return Corrected(value, np.broadcast_to(abs(frame_length) * unsure, value.shape))
+    rise = np.asarray(temperature_c, float) - np.asarray(temperature_at_zero_c, float)
+    value = np.asarray(displacement, float) - frame_length * expansion_per_k * rise
+    sigma = abs(frame_length) * _expansion_sigma(rise, expansion_per_k, expansion_sigma, temperature_sigma)
+    return Corrected(value, np.broadcast_to(sigma, value.shape))
+
+
+def _expansion_sigma(
+    rise: Array, expansion_per_k: float, expansion_sigma: float, temperature_sigma: ArrayLike
+) -> Array:
+    """Return the standard deviation (...) of the relative expansion by a rise of temperature in K."""
+    return np.hypot(rise * expansion_sigma, expansion_per_k * np.asarray(temperature_sigma, float))
 
 
 def linear_rows(beam: ArrayLike, arm: ArrayLike) -> Array:
@@ -141,13 +147,17 @@ def linear_rows(beam: ArrayLike, arm: ArrayLike) -> Array:
     origin to the point where the beam meets the platform. ``reading = beam . (d + r x arm)``: a wrong direction causes
     the cosine error, the arm Abbe's.
     """
-    direction = np.asarray(beam, float)
-    direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+    direction = _unit(beam)
     return np.concatenate(np.broadcast_arrays(direction, np.cross(np.asarray(arm, float), direction)), axis=-1)
 
 
 def angular_rows(axis: ArrayLike) -> Array:
     """Return rows (..., 6) of angular readings about axes (..., 3)."""
-    direction = np.asarray(axis, float)
-    direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+    direction = _unit(axis)
     return np.concatenate([np.zeros_like(direction), direction], axis=-1)
+
+
+def _unit(vectors: ArrayLike) -> Array:
+    """Return vectors (..., 3) with length one."""
+    directions = np.asarray(vectors, float)
+    return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))

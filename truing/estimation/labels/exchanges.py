@@ -15,7 +15,7 @@ _SHARE = 0.1
 # It is also within this many sigma: among many points that are metres off, some come near another place by chance.
 _NEAR = 40.0
 # Residuals below this many sigma are no reason to search for an exchange.
-_WORTH_LOOKING = 12.0
+_LARGE_RESIDUAL = 12.0
 # A body of few targets has no consensus after an exchange: every exchange is tried, and must beat all others.
 _FEW, _FEWEST = 6, 3
 _BETTER_THAN_OTHERS = 5.0
@@ -40,7 +40,7 @@ def exchanges(residual: NDArray, points: NDArray, is_observed: NDArray, shape: N
     count = is_observed.sum(1)
     rows = np.flatnonzero((count >= _FEWEST) & (count <= _FEW))
     fit = umeyama(shape, points[rows], is_observed[rows].astype(float))
-    bad = rows[~fit.ok | (np.nan_to_num(fit.rms) > _WORTH_LOOKING * sigma)]
+    bad = rows[~fit.ok | (np.nan_to_num(fit.rms) > _LARGE_RESIDUAL * sigma)]
     for pose in bad[~np.isin(bad, [exchange.pose for exchange in exchanged])]:
         exchange = _best_of_few(points[pose], is_observed[pose], shape, sigma, int(pose))
         exchanged += [] if exchange is None else [exchange]
@@ -54,20 +54,20 @@ def residuals_after_exchange(
 
     A body of few targets is fitted anew, since its first fit could not be right. Arguments as in `exchanges`.
     """
-    right, anew = residual.copy(), np.zeros(len(residual), bool)
+    corrected, is_refitted = residual.copy(), np.zeros(len(residual), bool)
     for exchange in found:
         pair, exchanged = [exchange.first, exchange.second], [exchange.second, exchange.first]
-        right[exchange.pose, pair] = residual[exchange.pose, exchanged] + shape[exchanged] - shape[pair]
+        corrected[exchange.pose, pair] = residual[exchange.pose, exchanged] + shape[exchanged] - shape[pair]
         if is_observed[exchange.pose].sum() <= _FEW:
             observed = points[exchange.pose].copy()
             observed[pair] = points[exchange.pose, exchanged]
-            right[exchange.pose] = np.where(
+            corrected[exchange.pose] = np.where(
                 is_observed[exchange.pose][:, None],
                 _survey_deviation(observed, is_observed[exchange.pose], shape),
                 np.nan,
             )
-            anew[exchange.pose] = True
-    return right, anew
+            is_refitted[exchange.pose] = True
+    return corrected, is_refitted
 
 
 def _survey_deviation(points: NDArray, is_observed: NDArray, shape: NDArray) -> NDArray:
@@ -87,8 +87,8 @@ def _exchanged_pairs(residual: NDArray, is_observed: NDArray, shape: NDArray, si
     """Return pairs of targets that lie at each other's places, for bodies whose other targets determine the pose."""
     off = np.sqrt(np.sum(np.nan_to_num(residual) ** 2, -1))
     pairs = []
-    for pose in np.flatnonzero((is_observed & (off > _WORTH_LOOKING * sigma)).sum(1) >= 2):
-        suspects = np.flatnonzero(is_observed[pose] & (off[pose] > _WORTH_LOOKING * sigma))
+    for pose in np.flatnonzero((is_observed & (off > _LARGE_RESIDUAL * sigma)).sum(1) >= 2):
+        suspects = np.flatnonzero(is_observed[pose] & (off[pose] > _LARGE_RESIDUAL * sigma))
         for first, second in combinations(suspects, 2):
             shift = shape[second] - shape[first]
             miss = np.array([residual[pose, first] - shift, residual[pose, second] + shift])
@@ -108,7 +108,7 @@ def _best_of_few(points: NDArray, is_observed: NDArray, shape: NDArray, sigma: f
     rms = np.where(fit.ok, np.nan_to_num(fit.rms, nan=np.inf), np.inf)
     best = int(np.argmin(rms))
     second_best = np.delete(rms, best).min()
-    if best == 0 or rms[0] < _WORTH_LOOKING * sigma or rms[best] * _BETTER_THAN_OTHERS > second_best:
+    if best == 0 or rms[0] < _LARGE_RESIDUAL * sigma or rms[best] * _BETTER_THAN_OTHERS > second_best:
         return None
     first, second = pairs[best - 1]
     distance = np.sqrt(np.sum((shape[first] - shape[second]) ** 2))

@@ -30,9 +30,9 @@ def select_points(residuals: PointResiduals, pose_points: PosePoints, shape: NDA
     is_observed = pose_points.is_observed & ~residuals.excluded
     sigma = _typical_sigma(pose_points, residuals.values, is_observed)
     swapped = exchanges(residuals.values, pose_points.points, is_observed, shape, sigma)
-    values, anew = residuals_after_exchange(residuals.values, pose_points.points, is_observed, shape, swapped)
+    values, is_refitted = residuals_after_exchange(residuals.values, pose_points.points, is_observed, shape, swapped)
     rejected = residuals.rejected.copy()
-    rejected[anew] = False
+    rejected[is_refitted] = False
     for exchange in swapped:
         rejected[exchange.pose, [exchange.first, exchange.second]] = False
     alone = alone_in_time(np.where(is_observed[..., None], values, np.nan), order, rejected & is_observed)

@@ -1,8 +1,8 @@
 """Maximum-likelihood rigid motion for anisotropic, correlated noise of each point in both clouds.
 
 ``target_k = R xi_k + t + f_k``, ``source_k = xi_k + e_k``, with any 3x3 covariances cov(f_k) and cov(e_k). The true
-points xi_k are eliminated exactly: minimise ``sum r' S^-1 r``, ``r = target - R source - t``, ``S = cov_target + R
-cov_source R'`` (Matei and Meer, CVPR 1999, for the case of 3D points).
+points xi_k are eliminated exactly. Then ``sum r' S^-1 r`` is least, where ``r = target - R source - t`` and ``S =
+cov_target + R cov_source R'``. Source: Matei and Meer, CVPR 1999, for the case of 3D points.
 """
 
 from __future__ import annotations

@@ -167,7 +167,7 @@ def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict
 def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str) -> SectionVerdict:
     """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
     wrong unnoticed."""
-    ratio, also = _times_noise(overall), f"; {short}" if short else ""
+    ratio, also = _times_noise(overall), f". {short[:1].upper()}{short[1:]}" if short else ""
     size, floor = (rough_quantity(value, overall.unit) for value in (overall.after, overall.floor or 0.0))
     if overall.of_fit > (overall.floor or 0.0):
         of_fit = rough_quantity(overall.of_fit, overall.unit)
@@ -262,7 +262,7 @@ def shortcoming_words(worst: Row, noise: str) -> str:
 
 
 def _limit_words(row: Row) -> str:
-    """Return in words that the search reached a limit, and the remainder, without a full stop."""
+    """Return in words that the search reached a limit, and the remainder, without the last full stop."""
     if not cell(row.left_cause):
         accepted = count_text(round(row.value), "cause")
         return f"the search accepted {accepted}: so many may only describe the residuals piece by piece"
@@ -270,7 +270,7 @@ def _limit_words(row: Row) -> str:
     subject_text = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
     candidate = f"{cause_words(row.left_cause)}{subject_text}"
     remains = f"after {accepted} another effect remains (best candidate: {candidate})"
-    return f"{remains}; the search ended {_WHY_ENDED[row.search_end]}"
+    return f"{remains}. The search ended {_WHY_ENDED[row.search_end]}"
 
 
 def _column_words(row: Row) -> str:

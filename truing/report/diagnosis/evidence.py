@@ -155,7 +155,10 @@ def _odds_figure(rows: list[AssessedCause]) -> go.Figure:
     shown = _best(rows)
     figure = _bars(shown, [_position(row.evidence or 0.0) for row in shown], [_odds(row) for row in shown])
     positions = np.array([_position(row.evidence or 0.0) for row in shown])
-    subtitle = "Found causes: with those found before; others: alone. Hatched: depends on the assumed effect size"
+    subtitle = (
+        "A found cause is added to those found before it, any other to the plain model. "
+        "Hatched: depends on the assumed effect size"
+    )
     _finish(figure, "Odds of the model with each cause over the model without it", subtitle, len(shown))
     figure.update_xaxes(title_text="odds (powers of ten, compressed scale)", **_axis(positions))
     figure.add_vline(x=0.0, line={"color": GREY, "width": 1})
@@ -279,7 +282,7 @@ _HEADS = (
     Head("signal / noise", "Size of the effect over its noise, after other free parameters have absorbed their part."),
     Head(
         "log10 odds",
-        "Decimal log of the odds with this cause over those without it; found causes next to those before.",
+        "Decimal logarithm of the odds with this cause over those without it, next to the causes found before it.",
     ),
     Head("probability", "Probability among the candidates and no effect, in the round that decided on it."),
     Head("ranking, sizes × 3", "Whether the rank holds if the assumed sizes of all effects are tripled."),

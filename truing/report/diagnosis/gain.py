@@ -43,8 +43,8 @@ from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.tables import Tables, table_or_none
 
 _EVERY_POSE = (
-    "Measured minus predicted, each pose with the same weight; at the head of the page each point has the same weight. "
-    "In brackets 95 % intervals by bootstrap over poses"
+    "Measured minus predicted. Each pose has the same weight here, each point at the head of the page. "
+    "In brackets: 95 % intervals by bootstrap over poses"
 )
 _ALL = 0.9995  # share of the variance beyond noise that is rounded to 100 %
 _ERROR = "position_error_um"

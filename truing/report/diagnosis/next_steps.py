@@ -161,8 +161,8 @@ def _findings(rows: list[AssessedCause], tables: Tables) -> Iterator[NextStep]:
     """Yield the measurements for each finding: first to separate it from rivals, last those that no repeats can
     provide."""
     accepted = accepted_of(rows)
-    beside = [row for row in rows if row.verdict == RIVAL and not (accepted and row.advice_kind in _OF_ADVICE)]
-    for row in sorted([*accepted, *beside], key=lambda row: row.advice_kind == AdviceKind.IN_VAIN):
+    alternatives = [row for row in rows if row.verdict == RIVAL and not (accepted and row.advice_kind in _OF_ADVICE)]
+    for row in sorted([*accepted, *alternatives], key=lambda row: row.advice_kind == AdviceKind.IN_VAIN):
         if row.then:
             yield _of_finding(row, tables)
 

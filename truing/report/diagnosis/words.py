@@ -123,11 +123,11 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
         names = "; ".join(map(lower, _clauses(doubted, tables)))
         texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
     # Larger noise, and inputs that predict residuals, are no further effects.
-    beside = [row for row in noise if row.verdict != SUSPECTED and not row.is_conditional]
+    other_noise = [row for row in noise if row.verdict != SUSPECTED and not row.is_conditional]
     in_place = [row for row in noise if row.is_conditional]
-    if beside:
-        names = "; ".join(lower(clause(row, tables)) for row in _named(beside))
-        texts.append(f"{'Also, ' if texts else ''}{names}{_more_findings(beside)}")
+    if other_noise:
+        names = "; ".join(lower(clause(row, tables)) for row in _named(other_noise))
+        texts.append(f"{'Also, ' if texts else ''}{names}{_more_findings(other_noise)}")
     texts += [clause(row, tables) for row in in_place[:1]]
     texts += _rivals(causes, assessed_causes(tables), tables)
     modelling = f"Modelling {_modelled_words(_distinct(effects))}"
@@ -276,7 +276,8 @@ def certainty(row: AssessedCause) -> str:
         reported.append(f"noise alone would show an effect as clear as this in {_share(row.p_value)} campaigns")
     if row.signal_to_noise is not None:
         reported.append(f"signal-to-noise ratio {rough(row.signal_to_noise)}")
-    if row.probability is not None and not row.is_noise:
+    # Odds against its rival say how probable a rival is; its probability is from an earlier round of the search.
+    if row.probability is not None and not row.is_noise and row.verdict != RIVAL:
         reported.append(f"probability among the candidates {_probability(row.probability)}")
     ranking = {HOLDS: "is unchanged", CHANGES: "changes"}.get(row.holds)
     unsure = [f"The ranking {ranking} if assumed effect sizes are tripled"] if ranking else []

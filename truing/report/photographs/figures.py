@@ -1,4 +1,4 @@
-"""Figures of photographs: network of cameras and object points in 3-D, and residuals of the adjustment."""
+"""Figures of the bundle adjustment: network of cameras and object points in 3-D, and residuals of the rays."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 _MOST_POSES = 6
 _COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9")
 _FRUSTUM = 0.07  # length along the axis, as a share of the scene's extent
-_ELLIPSOID = 0.025  # largest semi-axis of a median point, as a share of that extent
-_TURN = np.linspace(0.0, 2.0 * np.pi, 17)
+_ELLIPSOID = 0.025  # largest semi-axis of the median ellipsoid, as a share of that extent
+_CIRCLE_ANGLES = np.linspace(0.0, 2.0 * np.pi, 17)
 _SIDES = ((0, 1), (0, 2), (1, 2))
 
 _MOST_POINTS = 1500  # of a pose in the picture of the network
@@ -37,7 +37,7 @@ def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.Data
     poses = _shown_poses(points, images)
     gain = _gain(points, images)
     bodies = {body: _COLOURS[k % len(_COLOURS)] for k, body in enumerate(points["body"].unique())}
-    figure, owner = go.Figure(), []
+    figure, step_of_trace = go.Figure(), []
     for number, pose in enumerate(poses):
         traces = _traces(
             _shown_points(points[points["pose"] == pose]), images[images["pose"] == pose], cameras, gain, bodies
@@ -45,7 +45,7 @@ def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.Data
         for trace in traces:
             trace.visible = number == 0
             figure.add_trace(trace)
-        owner += [number] * len(traces)
+        step_of_trace += [number] * len(traces)
     sigma = float(np.median(points[SIGMA].max(axis=1)))
     more = "" if len(poses) == points["pose"].nunique() else f" {len(poses)} of {points['pose'].nunique()} poses."
     if (points["pose"].value_counts() > _MOST_POINTS).any():
@@ -67,7 +67,7 @@ def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.Data
         margin={"l": 0, "r": 0, "t": 90, "b": 40},
     )
     if len(poses) > 1:
-        figure.update_layout(sliders=[_slider("pose", poses, owner)])
+        figure.update_layout(sliders=[_slider("pose", poses, step_of_trace)])
     return figure
 
 
@@ -160,7 +160,8 @@ def _ellipsoids(points: pd.DataFrame, gain: float) -> Array:
     values, axes = np.linalg.eigh(correlation * sigma[:, :, None] * sigma[:, None, :])
     half = gain * axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
     rings = [
-        half[:, None, :, i] * np.cos(_TURN)[:, None] + half[:, None, :, j] * np.sin(_TURN)[:, None] for i, j in _SIDES
+        half[:, None, :, i] * np.cos(_CIRCLE_ANGLES)[:, None] + half[:, None, :, j] * np.sin(_CIRCLE_ANGLES)[:, None]
+        for i, j in _SIDES
     ]
     gap = np.full((len(points), 1, 3), np.nan)
     return np.concatenate([part for ring in rings for part in (ring, gap)], axis=1)
@@ -223,8 +224,10 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
         )
     for pose, image in images:
         rays = reported[(reported["pose"] == pose) & (reported["image"] == image)]
-        steps.append((f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _of_image(rays, gain)))
-    owner = [number for number, (_, traces) in enumerate(steps) for _ in traces]
+        steps.append(
+            (f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _image_residuals(rays, gain))
+        )
+    step_of_trace = [number for number, (_, traces) in enumerate(steps) for _ in traces]
     for number, (_, traces) in enumerate(steps):
         for trace in traces:
             trace.visible = number == 0
@@ -245,7 +248,7 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
         title_text="y (px)", range=[height + edge, -edge], scaleanchor="x", constrain="domain", zeroline=False
     )
     figure.update_layout(
-        sliders=[_slider("image", [name for name, _ in steps], owner)],
+        sliders=[_slider("image", [name for name, _ in steps], step_of_trace)],
         shapes=[{"type": "rect", "x0": 0, "y0": 0, "x1": width, "y1": height, "line": {"color": GREY, "width": 1}}],
         legend={"orientation": "h", "y": -0.1, "yanchor": "top", "x": 0.0},
     )
@@ -277,7 +280,7 @@ def _cell_means(table: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list
     return [*_vectors(means, gain, BLUE, "mean of a cell"), _ray_ends(means, words, BLUE, "middle of its rays")]
 
 
-def _of_image(table: pd.DataFrame, gain: float) -> list[go.Scatter]:
+def _image_residuals(table: pd.DataFrame, gain: float) -> list[go.Scatter]:
     accepted, rejected = table[~table["rejected"]], table[table["rejected"]]
     drawn = [*_vectors(accepted, gain, BLUE, "residual"), _ray_ends(accepted, _words(accepted), BLUE, "ray")]
     if len(rejected):
@@ -321,10 +324,10 @@ def _ray_ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> g
     )
 
 
-def _slider(noun: str, names: Sequence[int | str], owner: list[int]) -> dict[str, object]:
-    """Return a slider that shows the traces of one ``noun``; ``owner``: index of the name of each trace."""
+def _slider(noun: str, names: Sequence[int | str], step_of_trace: list[int]) -> dict[str, object]:
+    """Return a slider that shows the traces of one ``noun``; ``step_of_trace``: index of the name of each trace."""
     steps = [
-        {"label": label(name), "method": "restyle", "args": [{"visible": [number == k for number in owner]}]}
+        {"label": label(name), "method": "restyle", "args": [{"visible": [number == k for number in step_of_trace]}]}
         for k, name in enumerate(names)
     ]
     return {"steps": steps, "currentvalue": {"prefix": f"{noun} "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}

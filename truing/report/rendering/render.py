@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 # Height of a title inside a figure, px; the page writes titles itself, so that they wrap.
 _TITLE_PX = 44
-# Characters that are replaced in the name of a file.
-_LONGEST = 80
+_LONGEST = 80  # characters of a campaign's name in the name of a file
+# Characters that would end a script element or begin a comment.
 _ESCAPED = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 
@@ -63,13 +63,13 @@ class _ListingTable:
 
 
 @dataclass(frozen=True)
-class _Drawn:
-    """A section with its figures and listings in the form of the page, and its subsections."""
+class _RenderedSection:
+    """A section in the form of the page, with its figures, listings and subsections."""
 
     section: ReportSection
     figures: tuple[_Figure, ...]
     tables: tuple[_ListingTable, ...]
-    parts: tuple[_Drawn, ...]
+    parts: tuple[_RenderedSection, ...]
     used: set[str] = field(default_factory=set)  # glossary terms that already have a tooltip
 
     @property
@@ -90,7 +90,7 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
         head_terms=set[str](),  # glossary terms that already have a tooltip there
         meanings=_meanings(sections),
         ids={section.id for section in all_of(sections)},
-        sections=[_drawn(section, head.campaign) for section in sections],
+        sections=[_rendered(section, head.campaign) for section in sections],
         next=next((section.title for section in all_of(sections) if section.id == "next"), ""),
         style=_package_text("page.css"),
         print_marks=_print_marks(head),
@@ -123,10 +123,10 @@ def _print_marks(head: PageHead) -> str:
     return f'@page {{ {left} @bottom-right {{ content: counter(page) " / " counter(pages); {size} }} }}\n'
 
 
-def _drawn(section: ReportSection, campaign: str) -> _Drawn:
+def _rendered(section: ReportSection, campaign: str) -> _RenderedSection:
     figures = (_figure(*shown, f"{section.id}-{k}", campaign) for k, shown in enumerate(section.figures))
-    parts = (_drawn(part, campaign) for part in section.parts)
-    return _Drawn(section, tuple(figures), tuple(_tables(section, campaign)), tuple(parts))
+    parts = (_rendered(part, campaign) for part in section.parts)
+    return _RenderedSection(section, tuple(figures), tuple(_tables(section, campaign)), tuple(parts))
 
 
 def _figure(figure: go.Figure, caption: str, name: str, campaign: str) -> _Figure:

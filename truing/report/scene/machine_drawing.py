@@ -28,11 +28,13 @@ _VIEW = np.array([[0.866, 0.5, 0.0], [-0.171, 0.296, 0.940]])
 _WIDTH, _HEIGHT, _EDGE = 300.0, 240.0, 18.0  # px
 _MOST_TARGETS = 400
 _AXIS_LENGTH = 0.2  # of the machine's size
-
+_LEG = r"\b(?:rho|leg )(\d+)(?:_mm)?\b"  # leg in the subject of a check
 
 _LETTER, _TEXT = 5.2, 10.0  # width of a letter and height of a text, px
-_NEAR = (7.0, 12.0, 18.0, 25.0, 33.0)  # distances of a text from what it names, px
-_ASIDE = np.radians([0.0, 40.0, -40.0, 80.0, -80.0, 130.0, -130.0])  # and angles from the wanted direction
+_LABEL_DISTANCES = (7.0, 12.0, 18.0, 25.0, 33.0)  # distances of a text from what it names, px
+_LABEL_ANGLES = np.radians(
+    [0.0, 40.0, -40.0, 80.0, -80.0, 130.0, -130.0]
+)  # and angles, rad, from the direction away from the machine
 _KEY = "ringed or dashed: named by a failed check"
 _FAILING = " failing"  # further class of what a failed check names
 
@@ -67,7 +69,7 @@ def machine_drawing(tables: Tables) -> str:
 
 
 @dataclass(frozen=True)
-class Named:
+class FailingNames:
     """What failed checks name: legs by number, and words in which names of bodies, targets and joints stand."""
 
     legs: frozenset[int] = frozenset()
@@ -78,11 +80,11 @@ class Named:
         return f" {_spaced(str(name))} " in self.words
 
 
-def failing_names(tables: Tables) -> Named:
+def failing_names(tables: Tables) -> FailingNames:
     """Return the things named by failed checks that were not accepted, and the slips that explain them."""
     checks, relations = table_or_none(tables, "qa"), table_or_none(tables, "belonging")
     if checks is None:
-        return Named()
+        return FailingNames()
     failed = checks[checks["verdict"].eq("fail") & ~accepted_verdicts(checks)]
     words = [cell(subject) for subject in failed["subject"]]
     if relations is not None:
@@ -91,17 +93,14 @@ def failing_names(tables: Tables) -> Named:
         words += [subject for slip in slips for subject in slip["subjects"]]
     text = " ".join(words)
     legs = frozenset(int(number) for number in re.findall(_LEG, text))
-    return Named(legs, f" {_spaced(re.sub(_LEG, ' ', text))} ")
-
-
-_LEG = r"\b(?:rho|leg )(\d+)(?:_mm)?\b"
+    return FailingNames(legs, f" {_spaced(re.sub(_LEG, ' ', text))} ")
 
 
 def _spaced(words: str) -> str:
     return " ".join(words.replace(",", " ").split())
 
 
-def _machine(tables: Tables, named: Named) -> _Shape | None:
+def _machine(tables: Tables, named: FailingNames) -> _Shape | None:
     """Return legs between their joints, both rings and the frames, as designed; targets of all bodies in one pose."""
     table, shape = table_or_none(tables, "frames"), _Shape()
     _add_bodies(shape, tables, named, with_frames=table is None)
@@ -118,7 +117,7 @@ def _frame(table: pd.DataFrame) -> tuple[_Points, _Points]:
     return table[XYZ].to_numpy(float)[0], table[["along_x", "along_y", "along_z"]].to_numpy(float).T
 
 
-def _add_legs(shape: _Shape, lower: _Points, upper: _Points, named: Named) -> None:
+def _add_legs(shape: _Shape, lower: _Points, upper: _Points, named: FailingNames) -> None:
     for k, ends in enumerate(zip(lower, upper, strict=True), 1):
         shape.lines.append((f"leg{_FAILING * (k in named.legs)}", np.stack(ends)))
     for name, ring in (("base", lower), ("platform", upper)):
@@ -128,7 +127,7 @@ def _add_legs(shape: _Shape, lower: _Points, upper: _Points, named: Named) -> No
     shape.labels += [(str(k), a, lower.mean(axis=0)) for k, a in enumerate(lower, 1)]
 
 
-def _chain(tables: Tables, named: Named) -> _Shape | None:
+def _chain(tables: Tables, named: FailingNames) -> _Shape | None:
     """Return the links of an open chain, its joints, and the frames of base and tip."""
     nodes = table_or_none(tables, "chain_nodes")
     if nodes is None:
@@ -164,7 +163,9 @@ def _tips(nodes: pd.DataFrame) -> NDArray[np.intp]:
     return np.flatnonzero(nodes["is_tip"])
 
 
-def _add_targets(shape: _Shape, targets: pd.DataFrame, body: str, at: tuple[_Points, _Points], named: Named) -> None:
+def _add_targets(
+    shape: _Shape, targets: pd.DataFrame, body: str, at: tuple[_Points, _Points], named: FailingNames
+) -> None:
     """Add the targets of a body that stands at a place (3,) with a rotation (3, 3); those that are named apart, or all
     of a named body of which none is."""
     rows = targets[targets["body"] == body].dropna(subset=XYZ)[:_MOST_TARGETS]
@@ -183,7 +184,7 @@ def _add_targets(shape: _Shape, targets: pd.DataFrame, body: str, at: tuple[_Poi
             shape.dots.append((f"{kind}{more}", points[chosen]))
 
 
-def _add_bodies(shape: _Shape, tables: Tables, named: Named, *, with_frames: bool) -> None:
+def _add_bodies(shape: _Shape, tables: Tables, named: FailingNames, *, with_frames: bool) -> None:
     """Add the targets of all bodies, and their frames: in the first pose that has most of them; without poses where
     the machine is designed to hold them, or else side by side."""
     targets, motions, designed = (table_or_none(tables, name) for name in ("shape", "motions", "frames"))
@@ -222,7 +223,7 @@ def _placed(motions: pd.DataFrame) -> Iterator[tuple[str, tuple[_Points, _Points
         yield str(row["body"]), (row[_PLACE].to_numpy(float), row[_ENTRIES].to_numpy(float).reshape(3, 3))
 
 
-def _axis(tables: Tables, _: Named) -> _Shape | None:
+def _axis(tables: Tables, _: FailingNames) -> _Shape | None:
     """Return a circle about the axis, or a guide along it."""
     table = table_or_none(tables, "axis_errors")
     if table is None:
@@ -275,7 +276,7 @@ def _svg(shape: _Shape, points: _Points) -> str:
     ]
     parts += [
         f'<text x="{x:.1f}" y="{y:.1f}">{html.escape(words)}</text>'
-        for words, x, y in _apart(texts, np.concatenate([np.empty((0, 2)), *drawn]))
+        for words, x, y in _placed_labels(texts, np.concatenate([np.empty((0, 2)), *drawn]))
     ]
     if any(name.endswith(_FAILING) for name, _ in (*shape.lines, *shape.dots)):
         parts.append(f'<text class="key" x="4" y="{_HEIGHT - 4:.0f}">{_KEY}</text>')
@@ -289,7 +290,7 @@ def _along(line: _Points) -> _Points:
     return np.concatenate(steps) if steps else line
 
 
-def _apart(texts: list[tuple[str, _Points, _Points]], drawn: _Points) -> Iterator[tuple[str, float, float]]:
+def _placed_labels(texts: list[tuple[str, _Points, _Points]], drawn: _Points) -> Iterator[tuple[str, float, float]]:
     """Yield each text with the middle of its base line, px, next to its point on the side away from another point.
 
     drawn: points (N, 2) of lines and dots. Of the places that cover no text before, the nearest that covers the fewest
@@ -301,8 +302,8 @@ def _apart(texts: list[tuple[str, _Points, _Points]], drawn: _Points) -> Iterato
         away = point - middle
         angle = np.arctan2(away[1], away[0])
         boxes = []
-        for distance in _NEAR:
-            for turn in angle + _ASIDE:
+        for distance in _LABEL_DISTANCES:
+            for turn in angle + _LABEL_ANGLES:
                 direction = np.array([np.cos(turn), np.sin(turn)])
                 centre = point + distance * direction + np.abs(direction) * np.sign(direction) * half * [1.0, 0.0]
                 boxes.append(np.stack([centre - half, centre + half]))

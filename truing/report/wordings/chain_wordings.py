@@ -114,9 +114,12 @@ def _other_weight(claim: Claim) -> str:
     links = "masses of the links"
     part, other = (links, "payload") if claim.fact("part") == "links" else ("payload", links)
     size, units = claim.size("factor"), str(claim.fact("units") or "").split()
-    much = "not the declared" if size is None or size.number is None else f"{size_in_words(size)} times the declared"
+    one, other_one = ("ones", "others") if part == links else ("one", "another")
+    much = other_one
+    if size is not None and size.number is not None:
+        much = f"{size_in_words(size)} times the declared {one}"
     asked = f" (did you mean {part} in {' or '.join(units)}?)" if units else ""
-    return f"{_owner(claim)} deflects as if the {part} were {much}, next to the declared {other}{asked}"
+    return f"{_owner(claim)} deflects as if the {part} were {much}, with the {other} as declared{asked}"
 
 
 def _tilt(claim: Claim) -> str:

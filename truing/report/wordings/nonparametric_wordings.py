@@ -166,7 +166,7 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 def _clause(claim: Claim) -> str:
     verb = "depends" if _has_one_subject(claim) else "depend"
-    is_higher_order = (claim.fact("first") or 1) > 1  # of an effect that is told by itself
+    is_higher_order = (claim.fact("first") or 1) > 1  # terms of an effect that has a row of its own
     form = " quadratically" if _is_quadratic(claim) and not is_higher_order else ""
     alternatives = [columns_words(tuple(columns)) for columns in claim.fact(INSTEAD) or ()]
     inputs = f"{_inputs_in_words(claim)}{''.join(f', or instead on {alternative}' for alternative in alternatives)}"

@@ -117,7 +117,7 @@ def chain_step(
     widened = _bias(before, now, numbers) + _bias(now, before, numbers)
     compared = compare(old.values, old.covariance, new.values, new.covariance, np.linalg.inv(prior), widened)
     if not len(compared.observable):
-        return not_assessed("neither campaign tells more of the machine than its tolerances")
+        return not_assessed("neither campaign determines the machine better than its tolerances")
     informed = np.diag(new.covariance) < (1.0 - LEAST_REDUCTION) * np.diag(prior)
     changed, scale, names = compared.changed(LEVEL), numbers.scales, numbers.names
     rows = pd.DataFrame(names, columns=NAMES).assign(sigma_difference=compared.sigma / scale)

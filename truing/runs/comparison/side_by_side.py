@@ -147,7 +147,7 @@ def _of_models(before: Run, now: Run) -> RunStep:
 
 def _start_words(start: Document, now: Run) -> str:
     of = start.get("model", {}).get("campaign", "an earlier campaign")
-    return f"{now.campaign} started from the model of {of}, which its numbers rest on; its own page tells what changed"
+    return f"{now.campaign} started from the model of {of}, which its numbers rest on; its own page says what changed"
 
 
 def _simulated(run: Run) -> np.ndarray:

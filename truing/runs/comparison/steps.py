@@ -126,7 +126,7 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     reported = reported_numbers(prior, now.model, now.shared, now.covariance)
     columns: dict[str, Any] = {**reported.columns, **figures(prior, reported, compared, value, covariance, LEVEL)}
     if len(compared.observable) == 0:
-        return not_assessed("neither campaign tells more of the machine than its tolerances")
+        return not_assessed("neither campaign determines the machine better than its tolerances")
     known = _is_informed(reported, prior.covariance, np.linalg.inv(prior.shared)) & ~np.isnan(columns["z"])
     return _step(columns, known)
 

@@ -96,19 +96,25 @@ class AxisCause(Cause[AxisScene]):
         return Parameter(name, unit, max(_PLAUSIBLE[self.kind_of_axis], self.plausible), si)
 
 
+class ElementCause(AxisCause):
+    """Base class of causes that act on one ``element`` of an axis: its transmission, an encoder or the instrument."""
+
+    element: str
+
+    @property
+    def subject(self) -> str:
+        """Encoder, instrument, or the axis for its transmission; empty for all elements together."""
+        return SUBJECTS.get(self.element, "")
+
+
 @dataclass(frozen=True)
-class ScaleError(AxisCause):
+class ScaleError(ElementCause):
     """An encoder reads, or the transmission travels, (1 + scale) times the correct amount."""
 
     element: str = TRANSMISSION
 
     id = "scale-error"
     step = Step.INSTRUMENT
-
-    @property
-    def subject(self) -> str:
-        """Encoder, instrument, or the axis for its transmission."""
-        return SUBJECTS[self.element]
 
     def candidates(self, scene: AxisScene) -> Sequence[ScaleError]:
         """Return every element whose factor is observable, if commands differ."""
@@ -128,7 +134,7 @@ class ScaleError(AxisCause):
 
 
 @dataclass(frozen=True)
-class AxisGrowth(AxisCause):
+class AxisGrowth(ElementCause):
     """An encoder or the transmission grows with temperature: growth x (temperature - ``reference_c``) x (command -
     ``fixed``).
 
@@ -146,11 +152,6 @@ class AxisGrowth(AxisCause):
     id = "axis-growth"
     lacking = Missing.TEMPERATURE
     step = Step.STRUCTURE
-
-    @property
-    def subject(self) -> str:
-        """Encoder, instrument, or the axis for its transmission."""
-        return SUBJECTS[self.element]
 
     @property
     def family(self) -> str:
@@ -225,7 +226,7 @@ class LostMotion(AxisCause):
 
 
 @dataclass(frozen=True)
-class ZeroShift(AxisCause):
+class ZeroShift(ElementCause):
     """An encoder or the transmission is shifted from a time on: after an event, or from an onset."""
 
     element: str = TRANSMISSION
@@ -236,11 +237,6 @@ class ZeroShift(AxisCause):
     id = "zero-shift"
     step = Step.INSTRUMENT
     is_persistent = False
-
-    @property
-    def subject(self) -> str:
-        """Encoder, instrument, or the axis for its transmission."""
-        return SUBJECTS[self.element]
 
     def candidates(self, scene: AxisScene) -> Sequence[ZeroShift]:
         """Return every element whose zero is observable, after each event; `channel_candidates` has other onsets."""

@@ -18,9 +18,8 @@ from truing.arrays import Index
 from truing.inference.model import ChannelCandidates
 from truing.simulation.axis.causes import (
     ELEMENTS,
-    SUBJECTS,
-    AxisCause,
     AxisScene,
+    ElementCause,
     is_temperature,
     onset_rows,
     shown_elements,
@@ -65,7 +64,7 @@ _EDGE = 1e-6
 
 
 @dataclass(frozen=True)
-class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
+class NonparametricAxisEffect(NonparametricEffect[AxisScene], ElementCause):
     """An encoder or the transmission depends on columns of the rows, on previous movements, or on a product of two
     inputs.
 
@@ -90,11 +89,6 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
     def is_persistent(self) -> bool:
         """True if the effect stays with the machine; False if it depends on time or on the rows before."""
         return super().is_persistent and self.form != HISTORY
-
-    @property
-    def subject(self) -> str:
-        """Encoder, instrument, or the axis for its transmission."""
-        return SUBJECTS[self.element]
 
     def prior(self, scene: AxisScene) -> float:
         """Return the relative prior weight: larger of friction, and of the place."""

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.axis.causes import SUBJECTS, AxisCause, AxisScene, shown_elements
+from truing.simulation.axis.causes import AxisScene, ElementCause, shown_elements
 from truing.simulation.axis.rows import ROTARY, TRANSMISSION, Axis, AxisRows
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 
@@ -34,7 +34,7 @@ _ALIKE = 0.2
 
 
 @dataclass(frozen=True)
-class AxisPeriodicError(AxisCause):
+class AxisPeriodicError(ElementCause):
     """An encoder or the transmission adds sine x sin(2 pi c / period) + cosine x cos(2 pi c / period) at command c.
 
     ``period`` in rad or m. If ``free``, the frequency is a further parameter, limited by a hyperbolic tangent to
@@ -50,11 +50,6 @@ class AxisPeriodicError(AxisCause):
 
     id = "periodic-error"
     step = Step.STRUCTURE
-
-    @property
-    def subject(self) -> str:
-        """Encoder, instrument, or the axis for its transmission."""
-        return SUBJECTS[self.element]
 
     @property
     def has_set_shape(self) -> bool:

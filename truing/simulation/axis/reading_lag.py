@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.axis.causes import SUBJECTS, AxisCause, AxisScene
+from truing.simulation.axis.causes import AxisScene, ElementCause
 from truing.simulation.axis.rows import Axis, AxisRows
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.mechanisms.causes.reading_lag import PLAUSIBLE_LAG
 
 
 @dataclass(frozen=True)
-class AxisReadingLag(AxisCause):
+class AxisReadingLag(ElementCause):
     """An encoder, or all of them, reads where the axis was sent the lag before.
 
     A clock of its own makes an encoder late, following error makes all of them late. ``element``: the encoder; empty:
@@ -27,11 +27,6 @@ class AxisReadingLag(AxisCause):
     id = "reading-lag"
     step = Step.DRIVE
     is_persistent = False
-
-    @property
-    def subject(self) -> str:
-        """Encoder or instrument; empty for all together."""
-        return SUBJECTS.get(self.element, "")
 
     def candidates(self, scene: AxisScene) -> Sequence[AxisReadingLag]:
         """Return all encoders together, and each of several, if the axis was recorded in motion."""

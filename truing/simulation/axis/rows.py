@@ -146,8 +146,8 @@ class AxisRows:
 class _Movements:
     """Commands (M,), rad or m, and their order (M,): B rows at ``own`` (B,), and starts of movements that no row shows.
 
-    A recorded direction that differs from that of the rows, as where a command is repeated at a reversal, says that
-    the axis went away and came back: a start on that side goes before.
+    A recorded direction may differ from that of the rows, as where a command is repeated at a reversal. The axis then
+    went away and came back, so a start on that side is inserted before.
     """
 
     command: NDArray

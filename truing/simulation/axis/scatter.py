@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.model import ScatterCandidate
-from truing.simulation.axis.causes import SUBJECTS, AxisCause, AxisScene
+from truing.simulation.axis.causes import AxisScene, ElementCause
 from truing.simulation.axis.rows import TRANSMISSION, Axis, AxisRows
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
@@ -18,7 +18,7 @@ _FEWEST = 6  # rows from either side
 
 
 @dataclass(frozen=True)
-class AxisScatter(AxisCause):
+class AxisScatter(ElementCause):
     """The axis stops at random positions when it comes up (``direction`` 1) or down (-1).
 
     ``element`` is the transmission, whose load then stands at random behind the motor; or empty: the axis as a whole,
@@ -32,11 +32,6 @@ class AxisScatter(AxisCause):
     step = Step.DRIVE
     is_persistent = False
     lacking = Missing.APPROACH
-
-    @property
-    def subject(self) -> str:
-        """The transmission, or empty for the axis as a whole."""
-        return SUBJECTS.get(self.element, "")
 
     def candidates(self, scene: AxisScene) -> Sequence[AxisScatter]:
         """Return none: scatter has no mean effect."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.axis.causes import SUBJECTS, AxisCause, AxisScene, shown_elements
+from truing.simulation.axis.causes import AxisScene, ElementCause, shown_elements
 from truing.simulation.axis.rows import LOAD, MEASURED, MOTOR, TRANSMISSION, Axis, AxisRows
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
@@ -21,7 +21,7 @@ _DISTINCT = 0.1
 
 
 @dataclass(frozen=True)
-class EncodersDisagree(AxisCause):
+class EncodersDisagree(ElementCause):
     """Slip, or lost counts: motor and load encoder part by slip x path travelled since the first row.
 
     ``is_witnessed``: an outside instrument shows which of the two encoders is right. Slip in movements up alone is half
@@ -35,11 +35,6 @@ class EncodersDisagree(AxisCause):
     step = Step.STRUCTURE
     share = 0.2  # a drift is likelier, and almost like it where time and path grow together
     is_persistent = False
-
-    @property
-    def subject(self) -> str:
-        """Encoder at the load, or the axis: the drive slips, or the motor encoder loses counts."""
-        return SUBJECTS[self.element]
 
     def missing_input(self, scene: AxisScene) -> Missing | None:
         """Return both encoders, or a path that time, order and command do not reproduce."""

@@ -204,7 +204,7 @@ def _bending(
 ) -> tuple[IntervalArray, IntervalArray]:
     """Return the flexures' part of the rows (L, 6), and of the slope of a leg's closure by its reading (L,).
 
-    A leg is longer by l_b (root - lean) / 2 at each end, lean = (1 - 2 beta) cos(bend), root = sqrt(3 - 4 beta +
+    A leg is longer by l_b (root - lean) / 2 at each end; lean = (1 - 2 beta) cos(bend); root = sqrt(3 - 4 beta +
     lean^2) (eq. 16, 17).
     """
     arm, length, z = seen

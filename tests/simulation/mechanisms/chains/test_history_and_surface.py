@@ -19,7 +19,7 @@ def _memory(readings: np.ndarray, order: np.ndarray | None = None) -> np.ndarray
     return movements(readings, {"order": order}, np.full(readings.shape[1], 1e-3))[MEMORY]
 
 
-def test_a_stop_follows_within_its_threshold_and_slips_beyond() -> None:
+def test_a_stop_operator_follows_within_its_threshold_and_slips_beyond() -> None:
     course = np.array([0.0, 0.05, 0.1, 1.0, 0.9, 0.98, 0.0])[:, None]
     found = _memory(course)[:, 0]
     assert_close(found[:3, 2], np.array([0.0, 0.05, 0.1]) / STOPS[2], atol=1e-15, what="as far as it moved")
@@ -28,7 +28,7 @@ def test_a_stop_follows_within_its_threshold_and_slips_beyond() -> None:
     assert_close(found[6], -np.ones(3), atol=1e-15, what="after the way back")
 
 
-def test_history_knows_no_unit_and_no_order_of_rows() -> None:
+def test_history_is_independent_of_unit_and_order_of_rows() -> None:
     rng = np.random.default_rng(1)
     course, order = rng.normal(size=(40, 2)), rng.permutation(40)
     assert_close(_memory(1e-3 * course), _memory(course), atol=1e-12, what="unit")
@@ -40,7 +40,7 @@ def _candidates(form: str) -> tuple[list[NonparametricChainEffect], object]:
     return [c for c in NonparametricChainEffect().candidates(model.scene) if c.form == form], model.machine
 
 
-def test_a_surface_is_the_products_of_polynomials_of_two_readings() -> None:
+def test_a_surface_consists_of_products_of_polynomials_of_two_readings() -> None:
     found, machine = _candidates(SURFACE)
     assert len(found) == 5 * 10 * 2, "five joints, ten pairs, two sizes"
     largest = next(c for c in found if c.joint == "j2" and c.columns == ("j3_deg", "j5_deg") and c.degree == 9)
@@ -53,7 +53,7 @@ def test_a_surface_is_the_products_of_polynomials_of_two_readings() -> None:
         assert np.abs(moved - column[:, None]).max(0).min() < 1e-12
 
 
-def test_a_history_moves_its_joint_alone_and_ends_with_its_campaign() -> None:
+def test_a_history_effect_moves_its_joint_alone_and_is_not_persistent() -> None:
     found, machine = _candidates(HISTORY)
     assert [c.joint for c in found] == ["j1", "j2", "j3", "j4", "j5"]
     moved = found[2].deviations(machine)
@@ -64,7 +64,7 @@ def test_a_history_moves_its_joint_alone_and_ends_with_its_campaign() -> None:
     assert len({c.key for c in found}) == 5
 
 
-def test_the_place_of_a_joint_and_its_history_have_a_fifth_of_its_prior_each() -> None:
+def test_own_reading_and_history_have_a_fifth_of_a_joints_prior_each() -> None:
     model = campaign(np.random.default_rng(2), 60)
     found = [c for c in NonparametricChainEffect().candidates(model.scene) if c.joint == "j2"]
     weight = dict.fromkeys(("history", "place", "other"), 0.0)
@@ -75,7 +75,7 @@ def test_the_place_of_a_joint_and_its_history_have_a_fifth_of_its_prior_each() -
         assert 0.15 < weight[own] / sum(weight.values()) < 0.3
 
 
-def test_the_history_of_poses_that_are_left_out_counts() -> None:
+def test_history_counts_poses_that_are_left_out() -> None:
     """The state of friction, and the reading before the last movement, of some poses of a campaign."""
     model = campaign(np.random.default_rng(2), 60)
     conditions = model.machine.conditions

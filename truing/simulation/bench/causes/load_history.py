@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.load_path import LoadCause
+from truing.simulation.bench.causes.load_path import OneOrAllAxesCause, with_all
 from truing.simulation.bench.causes.reading_causes import BenchScene, loaded_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
@@ -23,13 +23,12 @@ _RATIO, _PLAUSIBLE_LOG = 2.0, 0.5
 _MOST_CONSTANTS = 10
 # Shortest time constant over the usual time between readings: faster creep looks like a softer sensor.
 _LEAST_TAU = 0.5
-_ALL_SHARE = 0.5
 _TINY = 1e-30
 _WITHIN_95 = 1.959964
 
 
 @dataclass(frozen=True)
-class Creep(LoadCause):
+class Creep(OneOrAllAxesCause):
     """A fraction of the deflection, delayed by a first-order lag with a time constant, is added to it within each run.
 
     It concerns loads along ``axis``, or all. If ``free``, the logarithm of tau over ``tau_s`` is a further parameter.
@@ -40,6 +39,7 @@ class Creep(LoadCause):
     free: bool = False
 
     id = "creep"
+    share_of_all = 0.5
     lacking = Missing.TIME
     step = Step.STRUCTURE
 
@@ -53,13 +53,8 @@ class Creep(LoadCause):
         if not shortest < longest:
             return ()
         count = min(_MOST_CONSTANTS, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_RATIO))))
-        axes = loaded_axes(scene)
-        chosen = ["", *axes] if len(axes) > 1 else axes
-        return [Creep(axis, float(tau)) for tau in np.geomspace(shortest, longest, count) for axis in chosen]
-
-    def prior(self, scene: BenchScene) -> float:
-        """Return the relative prior weight of an axis, or of all together."""
-        return 1.0 if self.axis else _ALL_SHARE * len(loaded_axes(scene))
+        axes = with_all(loaded_axes(scene))
+        return [Creep(axis, float(tau)) for tau in np.geomspace(shortest, longest, count) for axis in axes]
 
     def refined(self) -> Self:
         """Return the form with a fitted time constant."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,6 @@ _XYZ = "xyz"
 RATIO, ASYMMETRY, GROWTH = "", "_asymmetry", "_growth"
 # Forms with a mean ratio, and without.
 _MEAN = ((RATIO,), ())
-# Prior weight of a common offset of all forces, relative to that of one axis.
-_COMMON_SHARE = 0.5
 
 
 class LoadCause(ReadingCause):
@@ -50,14 +49,30 @@ class LoadCause(ReadingCause):
         return AXES.index(self.axis)
 
 
+class OneOrAllAxesCause(LoadCause):
+    """A cause of one load axis, or of all axes together; ``share_of_all`` weighs the latter per loaded axis."""
+
+    share_of_all: ClassVar[float]
+
+    def prior(self, scene: BenchScene) -> float:
+        """Return the relative prior weight of an axis, or of all together."""
+        return 1.0 if self.axis else self.share_of_all * len(loaded_axes(scene))
+
+
+def with_all(axes: Sequence[str]) -> list[str]:
+    """Return the axes of candidates: each axis and, with several, all of them together (empty)."""
+    return ["", *axes] if len(axes) > 1 else list(axes)
+
+
 @dataclass(frozen=True)
-class LoadEccentricity(LoadCause):
+class LoadEccentricity(OneOrAllAxesCause):
     """The line of action of a force, or of all forces, is offset from the origin; a torque is accompanied by a
     force."""
 
     axis: str = "fz"
 
     id = "load-eccentricity"
+    share_of_all = 0.5
     step = Step.DRIVE
     reach = 30.0
 
@@ -66,10 +81,6 @@ class LoadEccentricity(LoadCause):
         axes = loaded_axes(scene)
         common = [LoadEccentricity("")] if sum(is_force(axis) for axis in axes) > 1 else []
         return [*common, *(LoadEccentricity(axis) for axis in axes)]
-
-    def prior(self, scene: BenchScene) -> float:
-        """Return the relative prior weight of an axis, or of all forces together."""
-        return 1.0 if self.axis else _COMMON_SHARE * len(loaded_axes(scene))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the offset across a force's axis, or the force per torque."""

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.load_path import LoadCause
+from truing.simulation.bench.causes.load_path import OneOrAllAxesCause, with_all
 from truing.simulation.bench.causes.reading_causes import BenchScene, loaded_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
@@ -17,16 +17,15 @@ from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.inputs import Missing
 
 _PLAUSIBLE = 0.02
-# Number of thresholds; largest and smallest, as shares of the largest load; least over a step of the load, below which
-# all look alike; prior sigma of the log of the threshold.
-_THRESHOLDS, _LARGEST, _LEAST, _OF_A_STEP, _PLAUSIBLE_LOG = 3, 0.4, 0.02, 0.5, 0.5
-_ALL_SHARE = 0.3
-_TURNS = 2
+_PLAUSIBLE_LOG = 0.5  # prior sigma of the logarithm of the threshold
+_COUNT, _SMALLEST, _LARGEST = 3, 0.02, 0.4  # thresholds of the candidates, as shares of the largest load
+_OF_A_STEP = 0.5  # thresholds below this share of a load step give equal readings
+_FEWEST_REVERSALS = 2
 
 
 @dataclass(frozen=True)
-class PlayHysteresis(LoadCause):
-    """The deflection under loads along ``axis``, or all, lags by up to half the width of its largest value.
+class PlayHysteresis(OneOrAllAxesCause):
+    """The deflection under loads along ``axis``, or all, lags by up to half of ``width`` times its largest value.
 
     The lag reverses over twice the ``threshold``, a share of the largest load, whenever the load turns back.
     ``exercised``: each run starts in the state that the same run would leave, instead of at rest. If ``free``, the
@@ -41,6 +40,7 @@ class PlayHysteresis(LoadCause):
     free: bool = False
 
     id = "play-hysteresis"
+    share_of_all = 0.3
     lacking = Missing.TURNS
     step = Step.STRUCTURE
 
@@ -50,20 +50,16 @@ class PlayHysteresis(LoadCause):
         There is a candidate for each such axis and one for all axes.
         """
         steps = scene.steps
-        axes = [axis for axis in loaded_axes(scene) if _reversals(steps, AXES.index(axis)) >= _TURNS]
+        axes = [axis for axis in loaded_axes(scene) if _reversals(steps, AXES.index(axis)) >= _FEWEST_REVERSALS]
         if not axes:
             return ()
-        least = min(max(_LEAST, _OF_A_STEP * _usual_step(steps)), _LARGEST / _THRESHOLDS)
+        smallest = min(max(_SMALLEST, _OF_A_STEP * _usual_step(steps)), _LARGEST / _COUNT)
         return [
             PlayHysteresis(axis, float(threshold), exercised)
-            for axis in (["", *axes] if len(axes) > 1 else axes)
-            for threshold in np.geomspace(least, _LARGEST, _THRESHOLDS)
+            for axis in with_all(axes)
+            for threshold in np.geomspace(smallest, _LARGEST, _COUNT)
             for exercised in (False, True)
         ]
-
-    def prior(self, scene: BenchScene) -> float:
-        """Return the relative prior weight of an axis, or of all together."""
-        return 1.0 if self.axis else _ALL_SHARE * len(loaded_axes(scene))
 
     def refined(self) -> Self:
         """Return the form with a fitted threshold."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.load_path import LoadCause
+from truing.simulation.bench.causes.load_path import OneOrAllAxesCause, with_all
 from truing.simulation.bench.causes.reading_causes import BenchScene, loaded_axes
 from truing.simulation.bench.load_steps import CHANNELS, LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
@@ -18,13 +18,12 @@ from truing.simulation.inputs import Missing
 _PLAUSIBLE = 0.01
 # Thresholds of the lag, as shares of the largest load; 0 is the loop that closes without load.
 _THRESHOLDS = 0.0, 0.05, 0.15, 0.4
-_ALL_SHARE = 0.3
 # Fewest loads on the way back.
 _FEWEST = 2
 
 
 @dataclass(frozen=True)
-class SignalHysteresis(LoadCause):
+class SignalHysteresis(OneOrAllAxesCause):
     """Signals under loads along ``axis``, or all, are larger during unloading. The load seems to lag by up to half of
     ``width`` times the largest load.
 
@@ -38,6 +37,7 @@ class SignalHysteresis(LoadCause):
     exercised: bool = False
 
     id = "signal-hysteresis"
+    share_of_all = 0.3
     lacking = Missing.TURNS
     step = Step.DRIVE
     reach = 30.0
@@ -52,14 +52,10 @@ class SignalHysteresis(LoadCause):
         axes = [axis for axis in loaded_axes(scene) if back[AXES.index(axis)] >= _FEWEST]
         return [
             SignalHysteresis(axis, threshold, exercised)
-            for axis in (["", *axes] if len(axes) > 1 else axes)
+            for axis in with_all(axes)
             for threshold in _THRESHOLDS
             for exercised in ((False, True) if threshold else (False,))
         ]
-
-    def prior(self, scene: BenchScene) -> float:
-        """Return the relative prior weight of an axis, or of all together."""
-        return 1.0 if self.axis else _ALL_SHARE * len(loaded_axes(scene))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the width, a share of the signal at the largest load."""

@@ -69,7 +69,7 @@ class BodyDrift(BodyCause):
 
     @property
     def family(self) -> str:
-        """Body and pattern: courses of drift exclude each other, a jump only itself."""
+        """Body and pattern: a model holds at most one continuous drift of them, and each jump once."""
         whose = f"{self.id} {self.body} {'whole' if self.whole else 'pattern'} {self.column}"
         return f"{whose} jump at {self.from_order:.6g}" if self.jumps else whose
 
@@ -177,13 +177,10 @@ class BodyDrift(BodyCause):
 def _forms(body_drift: BodyDrift, scene: PointScene) -> list[BodyDrift]:
     """Return the forms of drift of a body; only a linear one for the shape of a body with many targets."""
     start, end = _time_range(scene, body_drift.column)
-    body_drift, many = (
-        replace(body_drift, start=start, span=end - start),
-        is_large(body_drift.targets) and not body_drift.whole,
-    )
+    body_drift = replace(body_drift, start=start, span=end - start)
     waves = min(_WAVES, len(scene.poses) // _POSES_PER_WAVE)
     forms = [body_drift]
-    if not many:
+    if body_drift.whole or not is_large(body_drift.targets):
         forms += [replace(body_drift, tau=tau * body_drift.span) for tau in _TAUS]
         forms += [
             replace(body_drift, start=start + s * body_drift.span, span=(1.0 - s) * body_drift.span, late=True)

@@ -15,7 +15,7 @@ from truing.simulation.inputs import TIME, Missing
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
-from truing.simulation.settling import settling
+from truing.simulation.settling import reported_time_constant, settling
 
 _PLAUSIBLE_M = 7e-6
 # Time constants of the candidates, relative to the duration; neighbours give nearly the same course.
@@ -82,8 +82,7 @@ class LegDrift(PerLeg):
             return reported_values
         if not self.free:
             return (*reported_values, ReportedParameter("tau", self.tau_s, None, "s"))
-        tau = self.tau_s * float(np.exp(values[-1]))
-        return (*reported_values[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
+        return (*reported_values[:-1], reported_time_constant(self.tau_s, values[-1], covariance[-1, -1]))
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return the derivatives of the leg lengths by the drift of each leg concerned, and by the log of the time

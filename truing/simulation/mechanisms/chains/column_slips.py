@@ -1,7 +1,7 @@
-"""Slips in the columns of joint readings: exchanged, reversed, in another unit, coupled, a row off; zeros far off.
+"""Slips in the columns of joint readings (exchanged, reversed, another unit, coupled, shifted rows) and wrong zeros.
 
-A nominal machine misses by parts per thousand of its travel. A misfit of per cents means that readings and measured
-links do not belong together; the slip that explains it is named.
+A nominal chain misses measured positions by thousandths of its travel. If it misses them by per cents, readings and
+positions do not belong together. Then the slip that explains the misfit is searched for.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ColumnSlipKind(StrEnum):
     DEGREES = "degrees-as-radians"
     RADIANS = "radians-as-degrees"
     GON = "gon-as-degrees"
-    # A joint counts from a fixed direction: the reading of the joint before is to be added to its own, or subtracted.
+    # A joint that counts from a fixed direction: the reading of the joint before is missing in its own, or included.
     ADDED = "lacks-the-one-before"
     SUBTRACTED = "holds-the-one-before"
     ZEROS = "zeros"
@@ -73,14 +73,14 @@ class ColumnSlip:
         return result
 
 
-def foreign_share(start: StartValues) -> float:
+def foreign_misfit(start: StartValues) -> float:
     """Return the misfit, m, above which joint readings do not belong to the measured positions."""
     return _FOREIGN * start.spread
 
 
 def does_not_belong(start: StartValues) -> bool:
     """True if the nominal chain misses the measured positions by more than any real machine."""
-    return start.rms > foreign_share(start)
+    return start.rms > foreign_misfit(start)
 
 
 def likely_slip(
@@ -144,7 +144,7 @@ def _is_offset(
 
 
 def _zeros(
-    conditions: ChainConditions, turning: NDArray, start_of: Callable[[ChainConditions], StartValues]
+    conditions: ChainConditions, is_revolute: NDArray, start_of: Callable[[ChainConditions], StartValues]
 ) -> ColumnSlip | None:
     """Return the fewest zeros whose offsets join readings and measured links; None if all of them do not.
 
@@ -152,12 +152,12 @@ def _zeros(
     """
     every = tuple(range(conditions.readings.shape[1]))
     before = start_of(conditions)
-    quarters = _quarter_turns(conditions, turning, start_of)
+    quarters = _quarter_turns(conditions, is_revolute, start_of)
     tried = [_with_zeros(conditions, every, before, start_of, zeros) for zeros in (np.zeros(len(every)), quarters)]
-    zeroed = min(tried, key=lambda slip: slip.after)
-    if zeroed.after > foreign_share(before):
+    all_zeros = min(tried, key=lambda slip: slip.after)
+    if all_zeros.after > foreign_misfit(before):
         return None
-    start = np.array(zeroed.offsets)
+    start = np.array(all_zeros.offsets)
     chosen: tuple[int, ...] = ()
     while True:
         trials = [
@@ -167,21 +167,21 @@ def _zeros(
         ]
         best = min(trials, key=lambda slip: slip.after)
         chosen = best.readings
-        if best.after <= _AS_GOOD * zeroed.after or len(chosen) == len(every):
+        if best.after <= _AS_GOOD * all_zeros.after or len(chosen) == len(every):
             return best
 
 
 def _quarter_turns(
-    conditions: ChainConditions, turning: NDArray, start_of: Callable[[ChainConditions], StartValues]
+    conditions: ChainConditions, is_revolute: NDArray, start_of: Callable[[ChainConditions], StartValues]
 ) -> Array:
     """Return the quarter turns (n,), rad, of one joint or two that leave the least misfit; a mask (n,) of those that
     turn."""
-    angles = np.flatnonzero(turning)
+    angles = np.flatnonzero(is_revolute)
     pairs = [(a, b) for a, b in combinations(angles, 2)] or [(a, a) for a in angles]
-    trials = [np.zeros(len(turning))]
+    trials = [np.zeros(len(is_revolute))]
     for a, b in pairs:
         for one, other in product(_QUARTERS, repeat=2):
-            turn = np.zeros(len(turning))
+            turn = np.zeros(len(is_revolute))
             turn[[a, b]] = one, other
             trials.append(turn)
     distinct = np.unique(trials, axis=0)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
-from truing.simulation.mechanisms.chains.column_slips import ColumnSlipKind, few_poses, foreign_share
+from truing.simulation.mechanisms.chains.column_slips import ColumnSlipKind, few_poses, foreign_misfit
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, moved_joints
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree
@@ -70,7 +70,7 @@ def senses_that_join(
 
     tried = [fitted(one) for one in _combinations(moving, _parallel_neighbours(tree))]
     least = min(one.after for one in tried)
-    if not least <= foreign_share(start_of(few, conditions)):
+    if not least <= foreign_misfit(start_of(few, conditions)):
         return None
     good = [one for one in tried if one.after <= _AS_GOOD * least]
     fewest = min(one.changes for one in good)

@@ -93,7 +93,7 @@ class WeightFactor(JointCause):
         return (0,)
 
     def refined(self) -> WeightFactor:
-        """Return the form in which the factor is fitted, so that its uncertainty tells which units it can be."""
+        """Return the form in which the factor is fitted, so that its uncertainty shows which units are possible."""
         return replace(self, free=True)
 
     def is_distinct(self, values: NDArray, covariance: NDArray) -> bool:

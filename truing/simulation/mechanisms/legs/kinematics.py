@@ -162,7 +162,7 @@ def inverse_jacobian(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz:
 def pose_change(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDArray, change: Change) -> NDArray:
     """Return the twist (B, 6, P) of the platform per parameter of a change, from the exact differential of the closure.
 
-    z . (v + omega x R b* + R (db + z_E d delta_bz) - dc) = d length, c the lower joint of a straight leg.
+    z . (v + omega x R b* + R (db + z_E d delta_bz) - dc) = d length; c is the lower joint of a straight leg.
     """
     upper = upper_joints(legs, p, R, delta_bz)
     z = -legs.closure.close(legs, upper, rho)[1]

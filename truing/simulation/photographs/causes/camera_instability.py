@@ -13,7 +13,7 @@ from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.inputs import TEMPERATURE, TIME
 from truing.simulation.photographs.causes.ray_causes import FEWEST, RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import CAMERA, RayPoses
-from truing.simulation.settling import settling
+from truing.simulation.settling import reported_time_constant, settling
 
 JUMP, DRIFT, SETTLES, WARMTH, SCATTER = "jump", "drift", "settles", "temperature", "scatter"
 PRINCIPAL_DISTANCE, PRINCIPAL_POINT = ("c",), ("x0", "y0")
@@ -133,8 +133,7 @@ class CameraInstability(RayCause):
             return reported_values
         if not self.free:
             return (*reported_values, ReportedParameter("tau", self.tau_s, None, "s"))
-        tau = self.tau_s * float(np.exp(values[-1]))
-        return (*reported_values[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
+        return (*reported_values[:-1], reported_time_constant(self.tau_s, values[-1], covariance[-1, -1]))
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return the derivatives of the camera parameters: the course, or one per pose."""

@@ -1,4 +1,4 @@
-"""Identified numbers of a chain: zeros of the joints and errors of the links, with their uncertainty by source."""
+"""Identified parameters of a chain: zeros of joints and errors of links, with the uncertainty from each source."""
 
 from __future__ import annotations
 
@@ -22,20 +22,22 @@ if TYPE_CHECKING:
 
 _MM = 1e-3
 _SHIFTS, _TURNS = ("dx", "dy", "dz"), ("turn_x", "turn_y", "turn_z")
-# The data determine a number if they reduce its prior standard deviation to less than this share.
+# The data determine a parameter if they reduce its prior standard deviation to less than this share.
 _DETERMINED = 0.7
 # A component of a link's error that the parametrisation holds at zero, relative to the others.
-_HELD = 1e-6
+_HELD_SHARE = 1e-6
 _LEAST = 1e-12  # m or rad: less is rounding of the modes
 
 
 @dataclass(frozen=True)
-class _Number:
-    """One number of the chain: a linear form of the shared unknowns (G,), SI, and its standard deviation before the
-    data."""
+class _Parameter:
+    """Zero of a joint, or component of a link's error: a linear form of the shared unknowns (G,), SI.
+
+    ``prior`` is its standard deviation before the data.
+    """
 
     joint: str
-    parameter: str
+    name: str
     is_length: bool
     form: NDArray
     prior: float
@@ -58,21 +60,23 @@ class _Number:
 def parameters_table(fitted: FittedModel) -> pa.Table:
     """Rows of chain_parameters.parquet: zeros of the joints and errors of the links, with tolerance and sigma."""
     covariance, shared = fitted.covariance(), fitted.fit.shared
-    values = [(number, float(number.form @ shared) + (number.found_at or 0.0)) for number in _numbers(fitted)]
-    rows = [_row(number, value, number.sigma(covariance)) for number, value in values]
+    values = [
+        (parameter, float(parameter.form @ shared) + (parameter.found_at or 0.0)) for parameter in _parameters(fitted)
+    ]
+    rows = [_row(parameter, value, parameter.sigma(covariance)) for parameter, value in values]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_parameters"].arrow_schema())
 
 
 def uncertainty_table(fitted: FittedModel) -> pa.Table:
-    """Rows of chain_uncertainty.parquet: contribution of each source to every number of the chain."""
+    """Rows of chain_uncertainty.parquet: contribution of each source to every parameter of the chain."""
     model = _chain(fitted)
     rows: list[TableRow] = []
-    numbers = tuple(_numbers(fitted))
-    for given in fitted.contributions_to(slice(0, model.shared_size)):
-        source = source_of(fitted, given)
-        for number in numbers:
-            named = {"joint": number.joint, "parameter": number.parameter, "unit": number.unit}
-            rows.append(named | source | {"contribution": number.sigma(given.covariance) / number.si})
+    parameters = tuple(_parameters(fitted))
+    for contribution in fitted.contributions_to(slice(0, model.shared_size)):
+        source = source_of(fitted, contribution)
+        for parameter in parameters:
+            columns = {"joint": parameter.joint, "parameter": parameter.name, "unit": parameter.unit}
+            rows.append(columns | source | {"contribution": parameter.sigma(contribution.covariance) / parameter.si})
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_uncertainty"].arrow_schema())
 
 
@@ -81,7 +85,7 @@ def _chain(fitted: FittedModel) -> ChainModel:
     return fitted.model
 
 
-def _numbers(fitted: FittedModel) -> Iterator[_Number]:
+def _parameters(fitted: FittedModel) -> Iterator[_Parameter]:
     """Yield the zeros of the joints that have a tolerance, then the errors of each link that are not held.
 
     A zero holds the offset that was found beyond its tolerance.
@@ -96,32 +100,33 @@ def _numbers(fitted: FittedModel) -> Iterator[_Number]:
         if cause is not None:
             form[model.layout[cause.key]] = model.effect_sigma(cause)
         is_length = not model.tree.is_revolute[reading]
-        yield _Number(name, "offset", is_length, form, tolerance, found_at=None if cause is None else cause.start)
+        yield _Parameter(name, "offset", is_length, form, tolerance, found_at=None if cause is None else cause.start)
     geometry = np.zeros((model.tree.size, TWIST, model.shared_size))
     geometry[..., model.layout["links"]] = model.known.modes
     geometry[..., model.layout["shape"]] = model.known.end_twists(model.tree.size)
     for node, forms in zip(model.tree.nodes, geometry, strict=True):
         priors = np.linalg.norm(forms, axis=-1).reshape(2, -1)
-        free = (priors > np.maximum(_HELD * priors.max(1, initial=0.0, keepdims=True), _LEAST)).ravel()
+        free = (priors > np.maximum(_HELD_SHARE * priors.max(1, initial=0.0, keepdims=True), _LEAST)).ravel()
         for c in np.flatnonzero(free):
             name, prior = (*_SHIFTS, *_TURNS)[c], float(priors.ravel()[c])
-            yield _Number(node.joint, name, bool(c < TWIST // 2), forms[c], prior, not model.known.modes_known)
+            yield _Parameter(node.joint, name, bool(c < TWIST // 2), forms[c], prior, not model.known.modes_known)
 
 
-def _row(number: _Number, value: float, sigma: float) -> TableRow:
-    """One number; its pull compares the shift with the uncertainty by tolerance and data.
+def _row(parameter: _Parameter, value: float, sigma: float) -> TableRow:
+    """Row of one parameter. Its pull is the identified value over the standard deviation expected for it.
 
-    An offset that was found does not share the tolerance of its zero: both together are as far off as it is.
+    That is sqrt(prior^2 - sigma^2) where the tolerance is the prior. The size of an offset that was accepted as a cause
+    is free, so it is compared with sqrt(prior^2 + sigma^2).
     """
-    is_found = number.found_at is not None
-    expected = np.hypot(number.prior, sigma) if is_found else np.sqrt(max(number.prior**2 - sigma**2, 0.0))
+    is_found = parameter.found_at is not None
+    expected = np.hypot(parameter.prior, sigma) if is_found else np.sqrt(max(parameter.prior**2 - sigma**2, 0.0))
     return {
-        "joint": number.joint,
-        "parameter": number.parameter,
-        "unit": number.unit,
-        "identified": value / number.si,
-        "sigma": sigma / number.si,
-        "tolerance": None if number.is_free else number.prior / number.si,
-        "pull": None if number.is_free or not expected > 0.0 else value / expected,
-        "identifiable": is_found or sigma < _DETERMINED * number.prior,
+        "joint": parameter.joint,
+        "parameter": parameter.name,
+        "unit": parameter.unit,
+        "identified": value / parameter.si,
+        "sigma": sigma / parameter.si,
+        "tolerance": None if parameter.is_free else parameter.prior / parameter.si,
+        "pull": None if parameter.is_free or not expected > 0.0 else value / expected,
+        "identifiable": is_found or sigma < _DETERMINED * parameter.prior,
     }
