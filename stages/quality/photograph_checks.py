@@ -293,20 +293,24 @@ def _known_points_check(subject: str, rows: list[TableRow]) -> Check:
     """Return the check of a pose's known points: smallest p-value times the number of tested points."""
     tested = [row for row in rows if row["p_value"] is not None]
     lost = [row["point"] for row in rows if not row["rays"]]
-    wrong = sorted((row for row in tested if row["reason"]), key=_distance, reverse=True)
+    doubted = sorted((row for row in tested if row["reason"]), key=_distance, reverse=True)
     if not tested and not lost:
         return not_evaluated("known points", "known-points", subject, "rays alone do not check them")
     p_value = min((row["p_value"] for row in tested), default=1.0) * max(len(tested), 1)
+    # Points may contradict each other together, while none of them differs beyond chance.
+    named = [row for row in doubted if row["rejected"] or row["p_value"] * len(tested) < _LEVEL]
     text = f"{subject}: {count_text(len(rows), 'known point')}"
     text += ", each compared with where the rays and the other known points place it" if tested else ""
-    if wrong:
-        text += f"; {wrong[0]['reason']}: {'; '.join(map(_deviation_words, wrong[:_TOLD_POINTS]))}"
-        text += f"; and {len(wrong) - _TOLD_POINTS} more" if len(wrong) > _TOLD_POINTS else ""
+    if named:
+        text += f"; {named[0]['reason']}: {'; '.join(map(_deviation_words, named[:_TOLD_POINTS]))}"
+        text += f"; and {len(named) - _TOLD_POINTS} more" if len(named) > _TOLD_POINTS else ""
+    elif doubted:
+        text += "; together they differ by more than their sigmas allow, and none stands out: are the sigmas too small?"
+        text += f" The largest difference is that of {_deviation_words(doubted[0])}"
+    elif tested:
+        text += f"; the largest difference is that of {_deviation_words(max(tested, key=_distance))}"
     text += f"; without any remaining ray, so not measured: {listed(lost)}" if lost else ""
-    if not wrong and tested:
-        worst = max(tested, key=_distance)
-        text += f"; the largest difference is that of {_deviation_words(worst)}"
-    verdict = FAIL if wrong or lost else PASS
+    verdict = FAIL if doubted or lost else PASS
     return Check("known-points", subject, min(p_value, 1.0), _LEVEL, "1", verdict, f"{text}.")
 
 
