@@ -279,7 +279,8 @@ def _guess(group: RawGroup, robot: Robot | None) -> Guess:
         return guess_of_description(group.example, robot)
     guess = named_as_joints(sniff_file(group.example, () if robot is None else robot.joints), robot)
     guess = with_convention(guess, group.example.stem)
-    if guess.table is None and group.glob in [f"{table}.csv" for table in OF_IMAGES]:
+    is_known_points = group.glob == "known_points.csv" and "point" in guess.columns  # no survey of a body
+    if is_known_points or (guess.table is None and group.glob in [f"{table}.csv" for table in OF_IMAGES]):
         return replace(guess, mapping={}, table=group.example.stem)
     # A survey is one file: many of them, told apart by a number, are poses.
     return replace(guess, table="points") if guess.table == "targets" and group.count > 1 else guess

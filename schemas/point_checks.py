@@ -169,6 +169,13 @@ OF_POINTS: Checks = {
         "Correct the slip in the message once you have confirmed it; else compare readings and poses one by one.",
         withholds="models",
     ),
+    "coordinates-vary": QualityCheck(
+        "Do all three coordinates of the points differ between points?",
+        "A coordinate that is the same in every row was not measured: a camera over a table, a list of holes in a "
+        "plate. It counts as a measurement without error, which makes rms errors and noise ratios too small.",
+        VerdictRule(warns="a coordinate is the same in all points"),
+        "Read errors as the message says. Nothing that happens along this coordinate can be found.",
+    ),
     "noise-size": QualityCheck(
         "Do most points of a body agree within the declared noise?",
         "If most points do not, but all scatter alike, the declared noise is too small, often because of another unit. "

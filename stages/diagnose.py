@@ -29,6 +29,11 @@ _MECHANISM = (
 _NOISE = ("point_mm", "actuator_mm", "signal_mv", "load_n", "load_nm")
 _SECTIONS = ("loading", "interferometer", "signals", "bodies", "workspace", "exclude", "keep")
 _RULES = ("false_alarm", "seed", "apply", "ignore")
+_WHY_SINGULAR = {  # by whether the mechanism has legs
+    True: "the fit left the reach of the legs: geometry, survey or readings have large errors",
+    False: "the equations of the fit have no single solution: a quantity is not determined by these data, or a "
+    "declared noise is far smaller than the others",
+}
 
 DECLARATION = Stage(
     name="diagnose",
@@ -83,5 +88,4 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         progress(0, 1, "detectable sizes, and next measurements")
         return outcome(diagnosis, data, rays, settings)
     except np.linalg.LinAlgError:
-        why = "the fit left the reach of the legs: geometry, survey or readings have large errors"
-        return not_evaluated(why, settings)
+        return not_evaluated(_WHY_SINGULAR[settings.mechanism.is_legged], settings)

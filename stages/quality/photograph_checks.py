@@ -153,9 +153,26 @@ def camera_stability(
             continue
         watched = [numbers.get(name, "") for name in _WATCHED]  # an element that is held has no parameter
         if len(poses) < 2:
-            yield not_evaluated("stability", "camera-stability", f"camera {camera}", "there is only one pose")
+            yield _stability_within_pose(camera, figures)
             continue
         yield _stability(camera, poses, _scores(statistics, poses, watched), _blocks(information, poses, watched))
+
+
+def _stability_within_pose(camera: str, figures: Figures) -> Check:
+    """Return the check of one principal distance for all images of a single pose, of which none stands out."""
+    p_value = figures[SHARED].get(camera)
+    if p_value is None:
+        why = "there is only one pose, and its photographs do not determine a principal distance each"
+        return not_evaluated("stability", "camera-stability", f"camera {camera}", why)
+    trips = p_value < _BEYOND_CHANCE
+    text = f"Camera {camera}: one principal distance fits all photographs (p = {p_value:.2g})."
+    if trips:
+        text = (
+            f"Camera {camera}: one principal distance does not fit all photographs (p = {p_value:.2g}), and no few of "
+            "them stand out. The lens moves with the camera's roll or focus, the object moved, or the model of the "
+            "distortion lacks a term. Points are less certain than stated."
+        )
+    return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", WARN if trips else PASS, text)
 
 
 def _scores(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
@@ -276,19 +293,24 @@ def _known_points_check(subject: str, rows: list[TableRow]) -> Check:
     """Return the check of a pose's known points: smallest p-value times the number of tested points."""
     tested = [row for row in rows if row["p_value"] is not None]
     lost = [row["point"] for row in rows if not row["rays"]]
-    wrong = sorted((row for row in tested if row["reason"]), key=_distance, reverse=True)
+    doubted = sorted((row for row in tested if row["reason"]), key=_distance, reverse=True)
     if not tested and not lost:
         return not_evaluated("known points", "known-points", subject, "rays alone do not check them")
     p_value = min((row["p_value"] for row in tested), default=1.0) * max(len(tested), 1)
+    # Points may contradict each other together, while none of them differs beyond chance.
+    named = [row for row in doubted if row["rejected"] or row["p_value"] * len(tested) < _LEVEL]
     text = f"{subject}: {count_text(len(rows), 'known point')}"
-    if wrong:
-        text += f"; {wrong[0]['reason']}: {'; '.join(map(_deviation_words, wrong[:_TOLD_POINTS]))}"
-        text += f"; and {len(wrong) - _TOLD_POINTS} more" if len(wrong) > _TOLD_POINTS else ""
+    text += ", each compared with where the rays and the other known points place it" if tested else ""
+    if named:
+        text += f"; {named[0]['reason']}: {'; '.join(map(_deviation_words, named[:_TOLD_POINTS]))}"
+        text += f"; and {len(named) - _TOLD_POINTS} more" if len(named) > _TOLD_POINTS else ""
+    elif doubted:
+        text += "; together they differ by more than their sigmas allow, and none stands out: are the sigmas too small?"
+        text += f" The largest difference is that of {_deviation_words(doubted[0])}"
+    elif tested:
+        text += f"; the largest difference is that of {_deviation_words(max(tested, key=_distance))}"
     text += f"; without any remaining ray, so not measured: {listed(lost)}" if lost else ""
-    if not wrong and tested:
-        worst = max(tested, key=_distance)
-        text += f"; the furthest is {_deviation_words(worst)}"
-    verdict = FAIL if wrong or lost else PASS
+    verdict = FAIL if doubted or lost else PASS
     return Check("known-points", subject, min(p_value, 1.0), _LEVEL, "1", verdict, f"{text}.")
 
 
@@ -302,4 +324,4 @@ def _deviation_words(row: TableRow) -> str:
     size, spread = float(np.linalg.norm(off)), [row[f"sigma_{axis}_mm"] for axis in "xyz"]
     uncertainty_words = "" if None in spread else f" ± {np.linalg.norm(off / max(size, 1e-12) * np.array(spread)):.2g}"
     along = ", ".join(f"{axis} {value:+.3g}" for axis, value in zip("xyz", off, strict=True))
-    return f"{row['point']} lies {size:.3g}{uncertainty_words} mm from its known position ({along})"
+    return f"{row['point']}, {size:.3g}{uncertainty_words} mm ({along})"

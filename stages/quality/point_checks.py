@@ -40,6 +40,7 @@ from truing.stages.quality.scale_checks import figures_of, scale_contradiction, 
 from truing.stages.quality.target_checks import (
     attachment_labels,
     completeness,
+    coordinates_vary,
     exchanged_labels,
     geometry,
     gross_errors,
@@ -85,7 +86,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSampl
     likely = likely_names(observations, bodies, around, declared)
     checks_made: Iterable[Check] = chain(
         sample.noted(belonging_checks(relations)),
-        [unobserved_poses(surroundings, limits), noise_size(bodies, relations)],
+        [unobserved_poses(surroundings, limits), coordinates_vary(bodies), noise_size(bodies, relations)],
         sample.noted(_checks_of_points(bodies, reference, around, settings, limits, tables)),
         _checks_of_times(surroundings, settings, limits, tables.get("configurations")),
         sample.noted(names_known(observations, bodies, likely, declared)),

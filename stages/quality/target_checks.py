@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -45,6 +46,8 @@ _POSE_NOISE_TOLERATED = 3.0
 _ODD_POSES_FAIL = 0.1
 _NOTED, _TOLERATED = 1.5, 3.0  # times what is stated
 _UNEQUAL = 1e-3
+_AXES, _TWO = 3, 2
+_FEWEST_POINTS = 10  # of fewer points, a coordinate may be equal by a coarse resolution
 _COMPUTED = (
     " If a program computed the points from a fitted pose, as motion capture does of rigid bodies, they are one "
     "measurement of a pose: give this pose in [files.poses], with its own uncertainty."
@@ -57,6 +60,26 @@ def unobserved_poses(around: PoseSurroundings, limits: CampaignLimits) -> Check:
     share = len(lost) / max(len(lost) + len(around.poses), 1)
     text = f"No point was measured in pose {listed(lost)}." if lost else "Points were measured in every pose."
     return limits.of("unobserved-poses").row("", share, "1", text)
+
+
+def coordinates_vary(bodies: Sequence[BodyView]) -> Check:
+    """Check for coordinates that are the same in all points of a campaign: they were not measured."""
+    seen = [body.points.points[body.points.is_observed] for body in bodies]
+    points = np.concatenate(seen) if seen else np.empty((0, _AXES))
+    if len(points) < _FEWEST_POINTS:
+        return not_evaluated("coordinates that do not vary", "coordinates-vary", "", "fewer than ten points")
+    constant = [axis for axis in range(_AXES) if np.ptp(points[:, axis]) == 0.0]
+    if not constant or len(constant) == _AXES:
+        return Check("coordinates-vary", "", 0.0, 0.0, "1", PASS, "All coordinates differ between points.")
+    named = [f"{'xyz'[axis]} is {1e3 * points[0, axis]:.6g} mm" for axis in constant]
+    measured = _AXES - len(constant)
+    text = (
+        f"{' and '.join(named)} in all {count_text(len(points), 'point')}: not measured, but counted as measured "
+        f"without error. Rms errors per coordinate and noise ratios of this page are therefore too small; those of "
+        f"the {'two' if measured == _TWO else 'one'} measured "
+        f"{'coordinates' if measured == _TWO else 'coordinate'} are {math.sqrt(_AXES / measured):.2f} times as large."
+    )
+    return Check("coordinates-vary", "", float(len(constant)), 0.0, "1", WARN, text)
 
 
 def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterator[Check]:
@@ -209,6 +232,9 @@ def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) ->
             f"most points of {listed(elsewhere)} are outside the declared noise, but by less than 10 times, or not by "
         )
         why += "scatter"
+        return not_evaluated("size of the noise", "noise-size", "", why)
+    if not any(body.framed.any() for body in bodies):
+        why = "no pose shows three targets of a body, and fewer leave nothing to compare"
         return not_evaluated("size of the noise", "noise-size", "", why)
     if not noisy:
         return Check(

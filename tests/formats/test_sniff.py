@@ -150,3 +150,26 @@ def test_a_column_name_beside_coordinates_names_the_targets(tmp_path):
     (tmp_path / "points.txt").write_text("Id,Name,X (mm),Y (mm),Z (mm)\n1,B1,0.1,0.2,0.3\n2,B2,500,0.1,0.2\n")
     guess = sniff_file(tmp_path / "points.txt")
     assert guess.mapping["columns"] == {"target": "Name", "x_mm": "X (mm)", "y_mm": "Y (mm)", "z_mm": "Z (mm)"}
+
+
+def test_names_of_two_words_above_aligned_columns_are_names(tmp_path):
+    """Two blanks part the columns, one blank the words of a name: no name is said to lack."""
+    rows = "".join(f"{k:10.3f}{k * k % 7:10.3f}{k + 0.5:10.3f}{3 * k % 5:10.3f}\n" for k in range(1, 20))
+    file = tmp_path / "D12.txt"
+    file.write_text(f"Plate: 12\nDate: 2003-10-17\n\n    Meas X    Meas Y     Nom D     Round\n{rows}")
+    guess = sniff_file(file)
+    assert guess.columns == ("Meas X", "Meas Y", "Nom D", "Round")
+
+
+@pytest.mark.parametrize(
+    ("heading", "columns"),
+    [
+        ("# Id, name, X, Y, Z", {"x_mm": "X", "y_mm": "Y", "z_mm": "Z"}),
+        ("# Id, name, X, Y, Z, sigmaX, sigmaY, sigmaZ", {"target": 1, "x_mm": 3, "y_mm": 4, "z_mm": 5}),
+    ],
+)
+def test_an_empty_column_of_names_names_no_targets(tmp_path, heading, columns):
+    """Control points as a bundle program writes them: number, name, coordinates, and no name was given."""
+    rows = "".join(f"{k},  , {150 + k / 7:.3f}, {154.08 + k / 9:.3f}, {149.0 - k / 5:.3f}\n" for k in range(1, 12))
+    (tmp_path / "ctrl.txt").write_text(f"{heading}\n{rows}")
+    assert sniff_file(tmp_path / "ctrl.txt").mapping["columns"] == columns

@@ -233,6 +233,19 @@ def test_a_frame_per_series_is_reported_to_be_taken_as_one_per_pose(tmp_path: Pa
     assert 'treated like "pose"' in sentence
 
 
+def test_a_frame_per_series_of_an_arm_is_not_said_to_be_ignored(tmp_path: Path) -> None:
+    arm = '[mechanism]\ntype = "chain"\njoints = ["j"]\nscrews = [{ axis = [0, 0, 1] }]\n'
+    numbered = "".join(f"{k},{10 * k},a\n" for k in range(1, 13))
+    tip = "".join(f"{k},tip,T,{k}.5,{k * k},{7 * k % 5}\n" for k in range(1, 13))
+    folder = written(
+        tmp_path / "arm",
+        campaign=f'{TOML}{arm}[measurement]\nframe = "series"\n',
+        points=f"pose,body,target,x_mm,y_mm,z_mm\n{tip}",
+        configurations=f"pose,j_deg,series\n{numbered}",
+    )
+    assert not any("series" in sentence for sentence in check_campaign(open_campaign(folder)).attention)
+
+
 @pytest.mark.parametrize(
     ("files", "told"),
     [

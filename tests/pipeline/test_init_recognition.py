@@ -429,3 +429,12 @@ def test_entries_of_loads_of_one_file_each_are_runs_of_their_own(tmp_path: Path)
     assert len(entries) > 1
     runs = [entry["constants"]["run"] for entry in entries if "run" in entry.get("constants", {})]
     assert len(set(runs)) == len(runs) > 1, entries
+
+
+def test_known_points_beside_rays_are_no_survey_of_a_body(tmp_path: Path) -> None:
+    rows = "".join(f"{k},{100 * k},{k * k},{7 * k % 5},0.01,0.01,0.01\n" for k in range(1, 9))
+    heading = "point,x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm\n"
+    (tmp_path / "known_points.csv").write_text(heading + rows)
+    CliRunner().invoke(app, ["init", str(tmp_path), "--no-ask"])
+    text = (tmp_path / "campaign.toml").read_text()
+    assert "files.targets" not in text

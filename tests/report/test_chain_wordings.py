@@ -54,3 +54,13 @@ def test_a_displacement_has_the_length_of_its_shift(cause: str, subject: str) ->
     assert all("100.0 ± 3.0 um" in clause and "62" not in clause for clause in words)
     assert "arcsec" not in words[0]
     assert "20.6" in words[1]  # 1e-4 rad in arc seconds
+
+
+@pytest.mark.parametrize("cause", ["joint-gain", "joint-error-curve", "joint-offset"])
+def test_no_advice_turns_a_slide(cause: str) -> None:
+    turns, slides = (
+        CHAIN[cause].advice(Claim(cause=cause, subject="joint rail", settings={"is_angle": is_angle}))
+        for is_angle in (True, False)
+    )
+    assert turns != slides
+    assert not any(word in slides.lower() for word in ("turn", "angle", "degree", "level"))

@@ -162,8 +162,8 @@ def _names_in_comment(width: int, is_number: Callable[[str], bool], comments: Se
     """Return the cells of the last comment that has a name for each column."""
     for cells in reversed(comments):
         named = [cell.strip() for cell in cells]
-        if named and not named[0]:
-            named[0] = _NUMBER  # the mark of a comment was its name
+        if named:
+            named[0] = named[0].lstrip("# ") or _NUMBER  # the mark of a comment was its name
         if len(named) == width + 1 and _UNIT_BEHIND_AXES.search(" ".join(named)):
             named = named[:width]
         elif len(named) > width:

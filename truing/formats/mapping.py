@@ -220,7 +220,8 @@ class MappingPlan:
         helpers = {group.column for group in self.groups.values()} | set(self.entry.arrays)
         for name in self._nameable:
             origin = self.origin(name)
-            if name in given_names or name in helpers or not name or origin is None or passed_over.fullmatch(name):
+            is_ignored = passed_over.fullmatch(name) and name not in self.entry.columns  # x_mm may be that of a slide x
+            if name in given_names or name in helpers or not name or origin is None or is_ignored:
                 continue
             if isinstance(origin, RawColumn):
                 # A column without a name, known by its position alone, is no quantity that an effect may depend on.

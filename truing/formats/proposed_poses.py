@@ -45,6 +45,14 @@ class NamedCells:
         columns = [self.names.index(name) for name in some]
         return [[row[column] for column in columns] for row in self.rows], self.values[:, columns]
 
+    def without_empty_columns(self) -> NamedCells:
+        """Return the columns that hold anything: an empty one is no name, no coordinate and no reading."""
+        kept = [place for place in range(len(self.names)) if any(row[place].strip() for row in self.rows)]
+        if len(kept) == len(self.names):
+            return self
+        rows = [[row[place] for place in kept] for row in self.rows]
+        return NamedCells(tuple(self.names[place] for place in kept), rows, self.values[:, kept])
+
     @property
     def has_empty(self) -> bool:
         """True if any cell is empty."""

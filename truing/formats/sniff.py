@@ -46,6 +46,7 @@ _SHOWN = 12
 _SENTENCE = 4  # words
 _FEWEST_WORDS = 3  # of a row that names groups of columns
 _MOST_ABOVE = 20  # lines above a table
+_WIDE_GAP = re.compile(r"\s{2,}|\t")
 _LIKE_NUMBER = re.compile(r"\s*[-+]?[\d.,]+([eE][-+]?\d+)?\s*$")
 _PROSE = "text without a table"
 _BINARY = {  # of programs that also write text
@@ -246,7 +247,8 @@ def _sniff_records(
     records_kept = [i for i in range(skipped, len(records)) if len(records[i]) == width]
     if width < 2 or len(records_kept) < 0.6 * (len(lines) - skipped):
         return Guess(mapping, notes=("its lines make no table",))
-    comments = [split_record(line.encode(), separator, '"') for line in [*remarks, *lines[:skipped][-1:]]]
+    above = [*remarks, *lines[:skipped][-1:]]
+    comments = [cells for line in above for cells in _cells_of_heading(line, separator)]
     unit_of_heading = unit_in_words([*remarks, *lines[:skipped]])
     return sniff_cells(
         [records[i] for i in records_kept],
@@ -258,6 +260,13 @@ def _sniff_records(
         joints=joints,
         is_of_joints=is_of_joints,
     )
+
+
+def _cells_of_heading(line: str, separator: str) -> list[list[str]]:
+    """Return the cells of a line above the numbers; of columns that blanks align also those that two blanks part, as
+    names of two words are written: ``Meas X    Meas Y``."""
+    cells = [split_record(line.encode(), separator, '"')]
+    return [*cells, _WIDE_GAP.split(line.strip())] if separator == "whitespace" else cells
 
 
 def _first_of_table(records: Sequence[Sequence[str]], width: int) -> int:

@@ -146,7 +146,7 @@ def _guess_by_notation(
         return machine
     if (rays := rays_of(cells, mapping)) is not None:
         return rays
-    guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
+    guess = _with_times(_guess_by_names(cells.without_empty_columns(), mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
     guess = with_direction(guess, names, data, cells.values)
     guess = with_unit_of_channels(guess, about.unit)
@@ -344,8 +344,9 @@ def _positions(records: list[list[str]], notation: Notation) -> tuple[MappingKey
         text = f"{sum(numbers)} columns of numbers without names: not taken for coordinates"
         return {}, [f"{text}; columns = {{ x_mm = {first + 1}, ... }} where they are"]
     columns: MappingKeys = {name: first + 1 + i for i, name in enumerate(COORDINATES)}
-    if first > 0:
-        columns = {"target": first, **columns}
+    named_columns = [i for i in range(first) if all(record[i].strip() for record in records)]
+    if named_columns:  # the nearest one with a name in every row: a column of names may be empty next to numbers
+        columns = {"target": named_columns[-1] + 1, **columns}
     shown = [[record[i] for i in range(first, first + 3)] for record in records]
     place = notation.matrix(shown)
     low, high = float(place.min()), float(place.max())

@@ -301,7 +301,7 @@ class Fitter(Generic[CauseT]):
     def learn_noise(self, fitted: FittedModel[CauseT]) -> bool:
         """Adopt the noise estimates of a fit and the common share of like parts; return True if either changed."""
         measured, whitened = self.calibration.measured, fitted.fit.whitened
-        rescaled = rescaled_noise(whitened, measured, fitted.model.channel_groups)
+        rescaled = rescaled_noise(whitened, measured, fitted.model.channel_groups, self.declared)
         size = len(whitened.rest) - len(fitted.fit.shared)
         places = size + np.arange(len(fitted.fit.shared))[fitted.model.survey]
         previous = self._ratios

@@ -38,6 +38,10 @@ _ADDED = {1: 1.0}
 # What `log_moments` returns where something is added. They are integrals; loading scipy.integrate takes 0.1 s.
 _LOG_MOMENTS = {1: (0.34432045758243846, 2.263360531709506)}
 _FEWEST_VALUES = 20
+# A direction without any scatter was not measured, as z of points that all lie at z = 0. By itself its weight would
+# grow with every estimate, until the normal equations are singular. In units of the declared noise, the sigma of a
+# direction is at least this share of that of the noisiest one.
+_LEAST_SHARE = 0.1
 # Values of drivers that are compared at a time.
 _AT_ONCE = 2**20
 _LEAD = math.log(20.0)
@@ -124,11 +128,11 @@ def _ratio(squares: float, freedom: float, used: float) -> float:
     return float(np.clip(np.sqrt(variance), 1.0 / _MOST_OFF, _MOST_OFF))
 
 
-def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers) -> Observations:
+def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers, declared: Array) -> Observations:
     """Return the observations with covariances as estimated from a fit, group by group, in the measurement's axes.
 
     ``groups`` (K,) numbers each channel's group. Large residuals, which effects cause, have little weight (Student's
-    t).
+    t). In units of the ``declared`` covariances (B, K, d, d), no direction falls below `_LEAST_SHARE` of another.
     """
     rest, redundancy = informative_residuals(whitened, measured.values.shape)
     axes = np.eye(measured.size)
@@ -137,11 +141,24 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers)
     for group in range(groups.max() + 1):
         rows = measured.is_observed & (groups == group)
         observations.append(_scatter(rest[rows], redundancy[rows], scatter))
-    declared = np.linalg.inv(measured.whitener + axes * ~measured.is_observed[..., None, None])
-    covariance = declared @ np.stack(observations)[groups] @ np.swapaxes(declared, -1, -2)
-    return replace(
-        measured, covariance=np.where(measured.is_observed[..., None, None], covariance, measured.covariance)
-    )
+    used = np.linalg.inv(measured.whitener + axes * ~measured.is_observed[..., None, None])
+    covariance = used @ np.stack(observations)[groups] @ np.swapaxes(used, -1, -2)
+    seen = measured.is_observed
+    covariance[seen] = _balanced(covariance[seen], declared[seen])
+    return replace(measured, covariance=np.where(seen[..., None, None], covariance, measured.covariance))
+
+
+def _balanced(covariance: Array, declared: Array) -> Array:
+    """Return covariances (n, d, d) whose sigmas, in units of the declared ones, differ between directions by a
+    factor of 1 / `_LEAST_SHARE` at most."""
+    root = np.linalg.cholesky(declared)
+    inverse = np.linalg.inv(root)
+    size, axes = np.linalg.eigh(inverse @ covariance @ np.swapaxes(inverse, -1, -2))
+    if (size[:, 0] >= _LEAST_SHARE**2 * size[:, -1]).all():
+        return covariance
+    turned = root @ axes
+    least = _LEAST_SHARE**2 * size[..., -1:]
+    return np.asarray(turned * np.maximum(size, least)[..., None, :] @ np.swapaxes(turned, -1, -2))
 
 
 def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[Array, Array]:

@@ -174,9 +174,11 @@ def _evidence(errors: PartErrors, index: int, functions: Array) -> float:
 def _predicted(errors: PartErrors, index: int, functions: Array) -> tuple[Array, Array]:
     """Return functions (B, r) of a part's error whose parameters are N(0, 1), of the most probable size, and the error
     (B,) that they predict."""
+    squares, freedom = (of_parts[index] for of_parts in errors.squares)
+    if not squares > 0.0:  # a part that never errs along this direction, as one that was not measured along it
+        return np.zeros((len(functions), 0)), np.zeros(len(functions))
     along, strengths, directions = errors.along(index, functions)
     powers = [(size * strengths) ** 2 for size in EFFECT_SIZES]
-    squares, freedom = (of_parts[index] for of_parts in errors.squares)
     noise = squares / freedom
     fits = [
         np.sum(along**2 * power_ratio / (1.0 + power_ratio)) / noise - np.sum(np.log1p(power_ratio))

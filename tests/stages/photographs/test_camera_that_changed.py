@@ -54,6 +54,25 @@ def test_a_camera_that_stayed_as_it_was_has_one_setting(plain: tuple[Path, dict[
     assert np.abs(off).max() < 5.0
 
 
+@pytest.mark.parametrize(("spread", "verdict"), [(0.0, "pass"), (0.002, "warn")])
+def test_one_pose_shows_whether_a_principal_distance_fits_all_photographs(
+    tmp_path: Path, spread: float, verdict: str
+) -> None:
+    """A lens that moves from photograph to photograph: no few of them stand out, and there is no other pose."""
+    photograph(tmp_path / "rays", poses=1)
+    rng, file = np.random.default_rng(2), tmp_path / "rays" / "image_points.csv"
+    rays = pd.read_csv(file, dtype={"image": str})
+    camera = pd.read_csv(tmp_path / "rays" / "cameras.csv").iloc[0]
+    zoom = {image: 1.0 + spread * rng.uniform(-1.0, 1.0) for image in dict.fromkeys(rays["image"])}
+    for column, side in (("x_px", "width_px"), ("y_px", "height_px")):
+        middle = (camera[side] - 1) / 2
+        rays[column] = middle + rays["image"].map(zoom) * (rays[column] - middle)
+    rays.to_csv(file, index=False)
+    (check,) = _check(run_line(tmp_path / "rays", *LINE)[0]).to_dict("records")
+    assert check["verdict"] == verdict
+    assert (check["value"] < 1e-3) == (verdict == "warn")
+
+
 @pytest.mark.parametrize(
     ("choose", "told"),
     [

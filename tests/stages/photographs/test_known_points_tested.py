@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 from tests.photographs.machine import photograph
 from tests.sentences import says
 from tests.stages.line import run_line
+from truing.stages.quality.photograph_checks import known_points
 
 SIGMA_MM = 0.01
 KNOWN = [f"base/B{number:02d}" for number in (3, 6, 8, 11)]
@@ -58,7 +60,7 @@ def test_one_wrong_known_point_of_four_is_rejected_with_its_error(
         assert np.all(np.abs(off) < 5.0 * row[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]].to_numpy(float))
     checks = _checks(tables)
     assert set(checks["verdict"]) == {"fail"}
-    assert all(f"{KNOWN[1]} lies" in said for said in checks["message"])
+    assert all(f"wrong: {KNOWN[1]}," in said or f"rays: {KNOWN[1]}," in said for said in checks["message"])
     assert not any(name in said for said in checks["message"] for name in (KNOWN[0], KNOWN[2], KNOWN[3]))
 
 
@@ -107,3 +109,15 @@ def test_a_point_without_a_ray_is_not_measured(plain: tuple[Path, dict[str, Any]
     assert set(lost["point"]) == {KNOWN[2]}
     assert KNOWN[2] not in set(points["point"])
     assert all(f"not measured: {KNOWN[2]}" in said for said in _checks(tables)["message"])
+
+
+@pytest.mark.parametrize(("p_value", "named"), [(0.02, False), (1e-9, True)])
+def test_points_that_only_together_differ_too_much_are_not_listed_as_wrong(p_value: float, named: bool) -> None:
+    """Stated sigmas are too small for all: each of 30 points differs by what chance allows a single one."""
+    off = dict.fromkeys((f"{kind}{axis}_mm" for kind in ("d", "sigma_") for axis in "xyz"), 0.5)
+    about = {"pose": 1, "rays": 6, "rejected": False, "reason": "contradicts others; which is wrong is undetermined"}
+    rows = [{**off, **about, "point": f"K{k}", "p_value": p_value} for k in range(30)]
+    (check,) = known_points(pa.Table.from_pylist(rows))
+    assert check.verdict == "fail"
+    assert ("which is wrong" in check.message) == named
+    assert ("sigmas too small" in check.message) != named

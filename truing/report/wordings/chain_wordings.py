@@ -37,6 +37,11 @@ def _of_joint(advice: str) -> Callable[[Claim], str]:
     return lambda claim: advice.format(_joint(claim))
 
 
+def _by_kind(turns: str, slides: str) -> Callable[[Claim], str]:
+    """Return an advice with the joints in place of ``{}``: one for joints that turn, another for those that slide."""
+    return lambda claim: (slides if claim.fact("is_angle") is False else turns).format(_joint(claim))
+
+
 def _offset(claim: Claim) -> str:
     alike = claim.fact("alike")
     owners = " or ".join([_owner(claim), *map(subject_words, alike or ())])
@@ -275,20 +280,28 @@ def _turning_advice(claim: Claim) -> str:
     )
 
 
-_CURVE = _of_joint(
+_CURVE = _by_kind(
     "Move {} alone through its range in steps of 2 degrees, and measure a target far from its axis; repeat it "
-    "after a full turn. A curve that does not repeat has another cause than the encoder's scale."
+    "after a full turn. A curve that does not repeat has another cause than the encoder's scale.",
+    "Move {} alone along its travel in 100 equal steps, and measure a target or an interferometer's reflector on it; "
+    "repeat it. A curve that does not repeat has another cause than the scale.",
 )
 CHAIN = {
     "joint-offset": Wording(
         "joint offset",
         _offset,
-        _of_joint("Move {} to its zero mark, and compare its reading with a level or a pin."),
+        _by_kind(
+            "Move {} to its zero mark, and compare its reading with a level or a pin.",
+            "Move {} to its zero mark, and compare its reading with a stop or a gauge block.",
+        ),
     ),
     "joint-gain": Wording(
         "joint gain",
         _gain,
-        _of_joint("Turn {} alone by a known angle, and compare the angle with its reading."),
+        _by_kind(
+            "Turn {} alone by a known angle, and compare the angle with its reading.",
+            "Move {} alone by a known length, and compare the length with its reading.",
+        ),
     ),
     "joint-backlash": Wording(
         "joint backlash",
@@ -298,7 +311,9 @@ CHAIN = {
     "joint-settling": Wording(
         "settling of a joint",
         _settling,
-        _of_joint("Move {} alone by a large angle, and measure one target 1, 2, 5, 10, 30 and 60 s after it stops."),
+        _of_joint(
+            "Move {} alone over much of its range, and measure one target 1, 2, 5, 10, 30 and 60 s after it stops."
+        ),
     ),
     "joint-jump": Wording(
         "jump of a joint's zero",
