@@ -1,4 +1,4 @@
-"""Fixture: one browser per session for tests of pages."""
+"""Fixtures: the template of figures, and one browser per session for tests of pages."""
 
 from __future__ import annotations
 
@@ -8,8 +8,16 @@ from pathlib import Path
 import pytest
 
 from tests.report.browser import PROGRAM, Browser, Page
+from truing.report.figure_style import figure_template
 
 Opened = Callable[..., Page]
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _figures_start_with_the_template() -> Iterator[None]:
+    """Sections that a test builds alone start their figures as `build_sections` does, which is faster."""
+    with figure_template():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -243,11 +243,13 @@ def residuals(network: Network, state: NetworkState) -> Array:
 def _kernel_arguments(observed: Observed, state: NetworkState) -> tuple[RayArrays, CameraArrays, StateArrays]:
     """Return used rays, cameras, and adjusted images and points for the compiled kernels."""
     layout, network = observed.layout, observed.network
+    # The kernels are compiled once for each order of the arrays' axes in memory, so all of them have the same.
     of_image, interior = network.image_camera[layout.images], np.ascontiguousarray(state.interior)
+    R = np.ascontiguousarray(state.R[layout.images])
     return (
         RayArrays(observed.xy_px, observed.roots, layout.first_ray, layout.ray_point),
         CameraArrays(of_image, interior, *observed.formats),
-        StateArrays(state.R[layout.images], state.centre[layout.images], state.points[layout.points]),
+        StateArrays(R, state.centre[layout.images], state.points[layout.points]),
     )
 
 

@@ -179,10 +179,15 @@ def by_pose_unknowns(row: NDArray, derivative: NDArray) -> None:
 @inner
 def joined(image: NDArray, point: NDArray, cross: NDArray, both: NDArray) -> None:
     """Fill in the covariance (9, 9) of an image (6, 6) and a point (3, 3) with their cross covariance (6, 3)."""
-    both[:6, :6], both[6:, 6:] = image, point
+    # By loops: the assignment of an array to a part of another takes 20 s to compile.
     for a in range(6):
+        for b in range(6):
+            both[a, b] = image[a, b]
         for b in range(3):
             both[a, 6 + b] = both[6 + b, a] = cross[a, b]
+    for a in range(3):
+        for b in range(3):
+            both[6 + a, 6 + b] = point[a, b]
 
 
 @inner
