@@ -38,7 +38,7 @@ _ADDED = {1: 1.0}
 # What `log_moments` returns where something is added. They are integrals; loading scipy.integrate takes 0.1 s.
 _LOG_MOMENTS = {1: (0.34432045758243846, 2.263360531709506)}
 _FEWEST_VALUES = 20
-# A direction without any scatter was not measured, as z of points that all lie at z = 0. By itself its weight would
+# A direction without any scatter was not measured, as a coordinate that is zero throughout. Its weight would
 # grow with every estimate, until the normal equations are singular. In units of the declared noise, the sigma of a
 # direction is at least this share of that of the noisiest one.
 _LEAST_SHARE = 0.1
