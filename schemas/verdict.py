@@ -106,7 +106,7 @@ _MEANING = {
     "data do not determine the model there; value: rms error over that of noise and uncertainty",
     ReasonCode.LACK_OF_FIT: "a test of the residuals fails: the final model is incomplete; value: p-value of the test",
     ReasonCode.EPOCHS_LEFT_OUT: "the model fits, but without poses or load steps at which most values deviate: the "
-    "machine, or a recorded reading, was elsewhere there; value: rms error over noise floor",
+    "machine or the instrument moved, or a recorded reading is wrong; value: rms error over noise floor",
     ReasonCode.EPOCHS_DEVIATE: "the model fits as a whole, but single poses deviate beyond chance; value: rms error "
     "over noise floor",
     ReasonCode.WITHIN_TOLERANCE: "the pulls as a whole are consistent with tolerances; value: rms pull",

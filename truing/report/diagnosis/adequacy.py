@@ -123,12 +123,13 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     if not rows:
         return None
     verdict = _verdict_on_fit(rows, tables)
-    left_out = deviating_words(deviating_epochs(tables))
-    used = used_words(tables) if verdict.state == RelationState.OK else ""  # an incomplete model misses many poses
+    model_fits = verdict.state == RelationState.OK
+    left_out = deviating_words(deviating_epochs(tables), model_fits=model_fits)
+    used = used_words(tables) if model_fits else ""  # an incomplete model misses many poses
     if not left_out and not used:
         return verdict
     verdict = replace(verdict, explanation=" ".join(filter(None, (verdict.explanation, left_out, used))))
-    if verdict.state != RelationState.OK:
+    if not model_fits:
         return verdict
     code = ReasonCode.EPOCHS_LEFT_OUT if left_out else ReasonCode.EPOCHS_DEVIATE
     return replace(verdict, state=RelationState.ATTENTION, reason_code=code)

@@ -9,10 +9,13 @@ import pandas as pd
 from truing.report.numbers import count_text, listed, p_equals, rough, rough_quantity
 from truing.report.tables import Tables, table_or_none
 
-_MOST = 0.5  # least share of the values of a pose or load step that deviate together
+_MOST = 0.5  # share of the values of a pose or load step that must be exceeded by those that deviate
 _LISTED = 3  # names in a sentence at most
 RARE = 0.01  # p-value, corrected for the number of poses, below which the values of a pose deviate together
-_ELSEWHERE = "The machine or a recorded reading was elsewhere there: measure again, or find out what happened."
+_ELSEWHERE = (
+    "This is no error of a single value: the machine or the instrument moved, or a recorded reading is wrong. Measure "
+    "again, or find out what happened."
+)
 
 
 @dataclass(frozen=True)
@@ -26,8 +29,8 @@ class DeviatingEpoch:
 
 
 def deviating_epochs(tables: Tables) -> list[DeviatingEpoch]:
-    """Return the poses or load steps at which the diagnosis left out at least half of the measured values, the largest
-    deviation first."""
+    """Return the poses or load steps at which the diagnosis left out most of the measured values, the largest deviation
+    first."""
     table = table_or_none(tables, "diagnosis_left_out")
     if table is None or "measured_there" not in table:
         return []
@@ -37,16 +40,18 @@ def deviating_epochs(tables: Tables) -> list[DeviatingEpoch]:
         DeviatingEpoch(_name(rows.iloc[0]), len(rows), int(rows["measured_there"].iloc[0]), float(rows["value"].max()))
         for _, rows in known.groupby(keys, sort=False)
     ]
-    deviating = [epoch for epoch in epochs if epoch.left_out >= _MOST * epoch.measured]
+    deviating = [epoch for epoch in epochs if epoch.left_out > _MOST * epoch.measured]
     return sorted(deviating, key=lambda epoch: -epoch.largest)
 
 
-def deviating_words(epochs: list[DeviatingEpoch]) -> str:
+def deviating_words(epochs: list[DeviatingEpoch], *, model_fits: bool) -> str:
     """Return the sentences on deviating poses or load steps, and what to do; empty where there are none."""
     if not epochs:
         return ""
     worst, size = epochs[0], f"up to {rough(epochs[0].largest)} standard deviations"
     names = listed([epoch.name for epoch in epochs], _LISTED)
+    if not model_fits:
+        return f"Most values of {names} were left out; an incomplete model cannot tell why they deviate."
     if worst.measured == 1:
         why = (
             "One value cannot tell whether the measurement, a recorded reading or the machine is wrong. Measure again."
