@@ -11,8 +11,8 @@ from truing.pipeline.in_memory import stage_line
 @pytest.mark.parametrize(
     ("page", "number", "said", "unsaid"),
     [
-        ("colmap", 0, ("6 of them without a standard deviation", "nothing tells their scale"), ()),
-        ("photomodeler", 0, ("nothing tells their scale",), ("without a standard deviation",)),
+        ("colmap", 0, ("6 of them without a standard deviation", "nothing gives their scale"), ()),
+        ("photomodeler", 0, ("nothing gives their scale",), ("without a standard deviation",)),
         ("aicon", 1, ("5 of them without a standard deviation",), ("scale",)),
     ],
 )

@@ -88,7 +88,7 @@ def test_rivals_are_distinguished_by_loads_that_the_bench_can_apply(case: Case) 
     assert {row["branch"] for row in rows} == {"unloaded", "loading", "unloading"}
     assert [row["time_s"] for row in rows if row["step"] == 0] == [0.0] * len({row["run"] for row in rows})
     creep = case.diagnosis.verdicts[0].cause
-    for key, other in ((creep.key, "hysteresis of load fz"), (RIVAL.key, "creep of load fz")):
+    for key, other in ((creep.key, "hysteresis (load fz)"), (RIVAL.key, "creep (load fz)")):
         assert reported.advice[key].kind == "separate"
         assert other in reported.advice[key].words
         assert "whichever of the two is right" in reported.advice[key].words
