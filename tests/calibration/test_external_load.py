@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tests.simulation.mechanisms.flexure_telescope import flexure_telescope
 from tests.simulation.mechanisms.telescope import readings
@@ -56,6 +57,7 @@ def test_a_small_load_moves_the_platform_by_its_compliance() -> None:
     assert_close(held.p - free.p, expected, atol=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_known_loads_leave_noise_and_unknown_ones_do_not() -> None:
     case = Case(_MODEL, "none", flexure_telescope())
     ratio = {}

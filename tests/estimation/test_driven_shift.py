@@ -23,6 +23,7 @@ def _drawn(rng: np.random.Generator, rms: float) -> tuple[DrivenShift, float, fl
     return driven_shift(matrix, _U), float(np.sqrt((moved**2).mean())), gain_p_value(none, matrix)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rms", [0.0, 2e-6, 20e-6])
 def test_the_limit_holds_as_often_as_stated(rms: float) -> None:
     rng = np.random.default_rng(1)
@@ -39,6 +40,7 @@ def test_the_rms_is_the_true_one_without_the_noise_of_the_fit() -> None:
     assert abs(off.mean()) < 4 * off.std() / np.sqrt(_DRAWS)
 
 
+@pytest.mark.slow
 def test_the_detectable_size_is_found_with_the_stated_power() -> None:
     rng = np.random.default_rng(3)
     size = _drawn(rng, 0.0)[0].detectable

@@ -35,6 +35,7 @@ def _told(rows: np.ndarray, columns: dict[str, np.ndarray]) -> set[str]:
     return {name for inputs, _, _ in sets_of_inputs(rows, Spectra(columns, _in_time()), LEVEL) for name in inputs}
 
 
+@pytest.mark.slow
 def test_noise_follows_nothing() -> None:
     alarms = 0
     for seed in range(25):
@@ -43,6 +44,7 @@ def test_noise_follows_nothing() -> None:
     assert alarms <= 2  # more have a probability of 3e-4 at this level
 
 
+@pytest.mark.slow
 def test_heavy_tails_follow_nothing() -> None:
     alarms = 0
     for seed in range(25):

@@ -23,6 +23,7 @@ def smallest_p(found: Search) -> float:
     return min(found.null.corrected(float(square), group) for square, group in zip(maxima, found.groups, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("heavy", "points", "readings"), [(False, 1.0, 1.0), (True, 1.0, 1.0), (False, 1.1, 1.1), (False, 0.9, 0.9)]
 )

@@ -143,6 +143,7 @@ def test_a_rival_without_a_name_that_still_explains_something_speaks_against_a_n
     assert (after.p_value_of_rivals(before.rivals_of(own)) < 0.005) is is_left
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("largest", [0.45, 0.7])
 def test_chance_does_not_choose_the_rivals_of_a_right_name(largest: float) -> None:
     """Many forms with some overlap with the name, in data that hold the name alone: p-values are those of chance."""

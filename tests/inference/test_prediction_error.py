@@ -41,6 +41,7 @@ def _vetoes(poses: int, size: float, share: float) -> float:
     return count / TRIALS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poses", [3, 6, 20])
 def test_a_cause_with_half_of_the_true_effect_is_refused_at_the_stated_rate(poses: int) -> None:
     """It predicts as well as nothing does: 0.6 %, within four standard errors of that many trials."""

@@ -58,6 +58,7 @@ def _noise(kind: str, rng: np.random.Generator) -> np.ndarray:
     return rng.normal(size=shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["normal", "heavy tails", "noisier places"])
 def test_independent_noise_is_rejected_as_often_as_the_level_says(kind: str) -> None:
     rng = np.random.default_rng(1)

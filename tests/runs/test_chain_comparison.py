@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2
 
@@ -59,6 +60,7 @@ def measured(rng: np.random.Generator, truth: NDArray) -> ExtendedChain:
     return model_of(COVARIANCE @ MEASURED.T @ readings)
 
 
+@pytest.mark.slow
 def test_numbers_that_did_not_change_are_named_no_oftener_than_the_level_says() -> None:
     rng = np.random.default_rng(2)
     steps = []
@@ -139,6 +141,7 @@ def free_measured(
     return replace(model, twists=twists, covariance=covariance, effects=tuple(effects))
 
 
+@pytest.mark.slow
 def test_without_tolerances_numbers_that_did_not_change_are_named_no_oftener_than_the_level_says() -> None:
     rng, rows = np.random.default_rng(12), free_table()
     steps = []

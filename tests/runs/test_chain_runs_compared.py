@@ -13,6 +13,8 @@ from tests.report.explained import unexplained
 from tests.runs.two_arms import measured, offset
 from truing.pipeline.command_line import app
 
+pytestmark = pytest.mark.slow
+
 SLIP, SOFTER = 3e-4, 1.3  # rad, of the elbow; compliance of the shoulder after, relative to before
 
 

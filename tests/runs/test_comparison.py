@@ -155,6 +155,7 @@ def test_runs_that_cannot_be_compared_are_a_fault(runs: Path, names: tuple[str, 
     assert told in errors
 
 
+@pytest.mark.slow
 def test_files_of_truing_next_to_runs_are_not_compared(runs: Path) -> None:
     """The pattern runs/* names the last comparison, and table and page of all campaigns, too."""
     called(runs, "spring", "summer")

@@ -50,6 +50,7 @@ def _read(cell: ElementTree.Element, texts: list[str]) -> str | float:
     return texts[int(value)] if cell.get("t") == "s" else float(value)
 
 
+@pytest.mark.slow
 def test_csv_gives_every_table_back(run: truing.Run) -> None:
     files = dict(text_tables(run))
     assert set(files) == {f"{path.stem}.csv" for path in run.files.values()}

@@ -30,6 +30,7 @@ def imitated(groups, order):
     return max(shares)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(seeds, st.floats(0, 1))
 def test_figures_are_those_of_the_order(seed, trade_off):

@@ -93,6 +93,7 @@ def test_the_best_design_of_a_line_is_its_ends():
     assert sorted(rounded_design(bound, 10)) == [0] * 5 + [40] * 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [2, 3, 4, 5])
 def test_polynomials_are_measured_at_the_extrema_of_legendre(degree):
     x = np.linspace(-1, 1, 2001)

@@ -220,6 +220,7 @@ def test_an_uncertainty_that_nothing_measured_there_lessens_stays(case: Case) ->
     assert 0.0 < choice.final <= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("right", [0, 1])
 def test_the_distance_between_predictions_alone_promises_less_than_comes(case: Case, right: int) -> None:
     """Half the squared distance, in its dense form, leaves out what not knowing the effects' sizes adds: a third."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from truing.arrays import Array, Index
 from truing.estimation.interferometry.combined_loads import p_of_products, share_of_products
@@ -24,6 +25,7 @@ def p_value(response: Array, load: Array, run: Index, removed: Array) -> float:
     return p_of_products([] if share is None else [share])
 
 
+@pytest.mark.slow
 def test_noise_has_uniform_p_values() -> None:
     p = []
     for seed in range(120):

@@ -121,6 +121,7 @@ def test_results_are_independent_of_point_order_and_unit_of_length(seed):
     assert_close(shuffled.t, 1e3 * fit.t, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("both", [False, True])
 def test_covers_attains_the_bound_and_beats_the_isotropic_pose(both):
     from scipy.stats import binom, chi2

@@ -138,6 +138,7 @@ def test_heavy_tails_are_no_exchanged_rows(draw):
         assert exchanged_loads(_long_table(seed, 6000, draw(np.random.default_rng([seed, 1])))) == []
 
 
+@pytest.mark.slow
 def test_an_exchange_that_is_larger_than_heavy_tails_is_found_beside_them():
     table = _long_table(3, 6000, 0.02 * np.random.default_rng(4).standard_t(3, (6000, 6)))
     own = np.flatnonzero((table.case == 7) & (np.abs(table.loads).max(axis=1) > 50.0))

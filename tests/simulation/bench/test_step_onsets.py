@@ -31,6 +31,7 @@ def _tried(kind: FringeSlip | ZeroStep, scene: BenchScene) -> list[FringeSlip | 
     return [family.member(0, shape) for shape in np.flatnonzero(family.usable[:, 0])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [FringeSlip(), ZeroStep()], ids=lambda kind: kind.id)
 def test_every_step_with_readings_on_either_side_is_reached_from_one_that_is_tried(kind: FringeSlip | ZeroStep) -> None:
     scene = _scene()

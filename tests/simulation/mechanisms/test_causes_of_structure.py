@@ -118,6 +118,7 @@ def test_derivatives_by_parameters_and_readings_are_those_of_a_complex_step(caus
     assert _worst(_model([cause], kind), [cause.key]) < limit
 
 
+@pytest.mark.slow
 def test_derivatives_hold_for_effects_on_top_of_one_another() -> None:
     model = _model(STACKED)
     assert _worst(model, [name for name in model.layout if name != "shape"]) < OF_COSINES

@@ -108,6 +108,7 @@ def test_a_wrong_direction_of_gravity_is_named() -> None:
     assert (cause.direction, cause.joints) == ("-x", ("j2",))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "size"), [(1, 8e-4), (-1, 8e-4), (-1, -8e-4)])
 def test_the_unknown_direction_of_the_first_pose_bends_no_backlash(first: int, size: float) -> None:
     """The wrong direction is an error of the whole gap in one pose, which a large gap makes many times the noise.
@@ -305,6 +306,7 @@ def test_under_unknown_masses_the_sag_of_a_joint_is_found_with_its_course() -> N
     assert np.sqrt(np.mean((sag - true) ** 2)) < 0.2 * np.sqrt(np.mean(true**2))
 
 
+@pytest.mark.slow
 def test_a_compliance_under_weights_of_unknown_centre_is_right_within_its_uncertainty() -> None:
     soft = Effect(JointCompliance("j2", load=40.0), np.array([3e-5]))
     diagnosis = diagnosed([soft], 5, told=without_centres)
@@ -352,6 +354,7 @@ def test_settling_needs_waits_that_differ() -> None:
         assert not JointSettling().candidates(model.at(even).scene)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "is_offset"),
     [
@@ -379,6 +382,7 @@ def test_a_zero_that_was_named_before_the_search_stays_only_with_a_significant_s
     assert any(cause.id == "joint-offset" for cause in diagnosis.plain.causes) is is_offset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "values"),
     [

@@ -81,6 +81,7 @@ def test_a_four_bar_closes_where_two_circles_meet() -> None:
     assert_close(np.linalg.norm(tip - [GROUND, 0.0, 0.0], axis=1), np.full(41, ROCKER), atol=1e-14, what="m")
 
 
+@pytest.mark.slow
 def test_slopes_of_points_and_rotations_are_those_of_differences(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     cases = [(delta(tmp_path), "platform", "forearm_end_2", 3), (four_bar(), "coupler", "rocker_end", 1)]

@@ -37,11 +37,13 @@ def _named() -> dict[tuple[str, str], str]:
     return {(v.cause.id, v.cause.subject): v.verdict for v in verdicts if v.verdict in ("found", "suspected")}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_bending_is_never_accepted_first")
 def test_the_right_name_takes_the_place_of_a_wrong_one() -> None:
     assert _named() == {(LinkBending.id, "link link1"): "found", (JointGain.id, "joint j4"): "found"}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_bending_is_never_accepted_first")
 def test_without_the_exchange_the_wrong_name_stays_and_is_only_suspected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NamesNextToOthers, "_exchanged", lambda *_: None)

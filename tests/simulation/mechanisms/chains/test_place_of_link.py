@@ -52,6 +52,7 @@ def diagnosed(seed: int, column: str, values: NDArray, moves: NDArray, link: str
     return CauseSelection(model, epochs, None, Settings(0.05, 200, 1)).run(list(catalogue_of_chains().values()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4])
 def test_a_tool_that_differs_by_its_number_is_found_at_its_link(seed: int) -> None:
     number = np.random.default_rng([seed, 1]).integers(1, 3, POSES).astype(float)
@@ -61,6 +62,7 @@ def test_a_tool_that_differs_by_its_number_is_found_at_its_link(seed: int) -> No
     assert [(v.cause.id, v.cause.subject, v.cause.columns) for v in found] == [("unexplained", "link tip", ("tool",))]
 
 
+@pytest.mark.slow
 def test_a_base_that_follows_the_humidity_is_found_to_follow_it() -> None:
     humidity = 45.0 + 8.0 * np.sin(np.arange(POSES) / 9.0 + 1.0)
     diagnosis = diagnosed(5, "relative_humidity_pct", humidity, np.array([1e-5, -5e-6, 0.0]), link="")

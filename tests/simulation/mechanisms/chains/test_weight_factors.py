@@ -85,6 +85,7 @@ def test_a_payload_in_newtons_is_named_and_not_a_gain_of_the_joint() -> None:
     assert verdict.cause.reported(verdict.values, verdict.covariance, 0)[-1].value == "N"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 5, 6])
 def test_two_compliant_joints_under_the_declared_weights_have_no_other_ratio(seed: int) -> None:
     true = [Effect(JointCompliance(joint, load=20.0), np.array([4e-5])) for joint in ("j2", "j3")]
@@ -93,6 +94,7 @@ def test_two_compliant_joints_under_the_declared_weights_have_no_other_ratio(see
     assert not any(isinstance(cause, WeightFactor) for cause in found)
 
 
+@pytest.mark.slow
 def test_a_factor_whose_plain_form_fails_is_refused_and_not_chosen_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every cause predicts held-out poses worse here: each kind is asked for once, and the search ends."""
     asked: list[str] = []
