@@ -68,6 +68,21 @@ def test_two_parts_that_move_alike_are_not_named() -> None:
     assert _found(own, columns)[0] == (None, {"c_deg"})
 
 
+def test_a_search_ends_where_its_unknowns_become_too_many_and_then_names_no_part(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(6)
+    columns, errors = _columns(rng), np.zeros((EPOCHS, PARTS))
+    for part, name in ((0, "c_deg"), (2, "a_deg")):
+        errors[:, part] = 4.0 * np.cos(3.0 * columns[name])
+    own = problem(rng, errors, EPOCHS)
+    whole = _found(own, columns)
+    assert {part for part, _ in whole} == {0, 2}
+    epochs, tall, unknowns = own.by_shared.shape
+    monkeypatch.setattr("truing.inference.part_errors._MOST_PRODUCTS", epochs * tall * unknowns**2)
+    assert _found(own, columns) == [(None, whole[0][1])]
+
+
 def test_a_part_that_moves_in_several_directions_is_asked_as_one() -> None:
     rng = np.random.default_rng(5)
     columns, errors = _columns(rng), np.zeros((EPOCHS, PARTS))

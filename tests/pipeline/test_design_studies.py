@@ -17,6 +17,12 @@ from tests.simulation.mechanisms.telescope import telescope
 from truing.simulation.mechanisms.legs.kinematics import forward
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Studies use a run of the campaign that lies in the current folder: none does here."""
+    monkeypatch.chdir(tmp_path)
+
+
 def mechanism(**keys: Any) -> dict[str, Any]:
     return tomllib.loads((SAMPLE / "campaign.toml").read_text(encoding="utf-8"))["mechanism"] | keys
 

@@ -9,6 +9,7 @@ import os
 import shutil
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +25,12 @@ _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_TRUNC
 
 
 class _Watch:
-    """Every path that is opened for writing, renamed, removed, made or linked, as the interpreter tells it."""
+    """Every path that is opened for writing, renamed, removed, made or linked, as the interpreter reports it."""
 
     def __init__(self) -> None:
-        self.is_on, self.touched = True, set[Path]()
-        sys.addaudithook(self._note)  # which cannot be taken away again, only fall silent
+        self.touched = set[Path]()
 
-    def _note(self, event: str, words: tuple[Any, ...]) -> None:
-        if not self.is_on:
-            return
+    def note(self, event: str, words: tuple[Any, ...]) -> None:
         if event == "open" and not isinstance(words[0], int):
             if set(str(words[1] or "")) & set("wax+") or (words[2] or 0) & _WRITING:
                 self._add(words[:1])
@@ -42,6 +40,20 @@ class _Watch:
     def _add(self, names: tuple[Any, ...]) -> None:
         paths = (name for name in names if isinstance(name, str | bytes | os.PathLike))
         self.touched.update(Path(os.path.abspath(os.fsdecode(path))) for path in paths)
+
+
+_WATCHES: list[_Watch] = []  # those at work
+
+
+@cache
+def _listen() -> None:
+    """Let watches at work know of every event. A hook stays to the end of the process: only one is installed."""
+
+    def hook(event: str, words: tuple[Any, ...]) -> None:
+        for watch in _WATCHES:
+            watch.note(event, words)
+
+    sys.addaudithook(hook)
 
 
 def _foreign(watch: _Watch, *allowed: Path) -> list[Path]:
@@ -64,10 +76,12 @@ def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def _called(*words: object) -> _Watch:
     watch = _Watch()
+    _listen()
+    _WATCHES.append(watch)
     try:
         done = CliRunner().invoke(app, [str(word) for word in words])
     finally:
-        watch.is_on = False
+        _WATCHES.remove(watch)
     assert done.exit_code in (0, 3), done.output
     return watch
 

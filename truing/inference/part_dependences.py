@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import pairwise
 
 import numpy as np
 
@@ -91,8 +90,11 @@ class _Turn:
 def part_dependences(
     problem: PartProblem, parts: Sequence[Part], spectra: Spectra, level: float
 ) -> Iterator[PartDependence]:
-    """Yield the columns on which the errors of the parts depend, one dependence after another."""
-    for turn, after in pairwise(_turns(problem, parts, spectra, level)):
+    """Yield the columns on which the errors of the parts depend, one dependence after another.
+
+    Each adds unknowns. The search ends where they become too many: then no other part is compared with the last one.
+    """
+    for turn, after in _turns(problem, parts, spectra, level):
         index = int(np.argmax(turn.of_parts))
         odds_of_part = turn.odds[index]
         inputs = tuple(name for name in spectra.columns if probability_of(name, odds_of_part.of_any) >= INCLUDED)
@@ -100,7 +102,7 @@ def part_dependences(
             moved = turn.problem.moved
             errors = turn.likeliest(parts[index], odds_of_part.best, spectra)
             predicted = np.sum([moved[:, :, place] * error[:, None] for place, _, error in errors], axis=0)
-            is_sure = not _explain_the_same(turn, after, index)
+            is_sure = after is not None and not _explain_the_same(turn, after, index)
             yield PartDependence(index, is_sure, inputs, turn.p_value, predicted)
 
 
@@ -111,18 +113,28 @@ def depends(problem: PartProblem, part: Part, inputs: Inputs, spectra: Spectra, 
     return bool(np.logaddexp.reduce(log_evidences) - np.log(len(log_evidences)) >= -np.log(level))
 
 
-def _turns(problem: PartProblem, parts: Sequence[Part], spectra: Spectra, level: float) -> Iterator[_Turn]:
-    """Yield the problem, then the same next to each dependence that is found in it, until none is left."""
-    for _ in range(_MOST_FOUND + 1):
-        errors = problem.estimated()
-        # Parts are independent, and most of the time is spent in products of matrices, outside Python.
-        turn = _Turn(problem, errors, list(in_order(partial(_odds, errors, spectra), parts)))
-        yield turn
+def _turns(
+    problem: PartProblem, parts: Sequence[Part], spectra: Spectra, level: float
+) -> Iterator[tuple[_Turn, _Turn | None]]:
+    """Yield each turn that has a dependence, and the turn next to that; None if its problem is too large."""
+    turn = _turn(problem, parts, spectra)
+    for _ in range(_MOST_FOUND):
         if turn.p_value > level:
             return
-        index = int(np.argmax(turn.of_parts))
+        index, beyond = int(np.argmax(turn.of_parts)), turn.problem
         for direction, functions, _ in turn.likeliest(parts[index], turn.odds[index].best, spectra):
-            problem = problem.beyond(direction, functions)
+            beyond = beyond.beyond(direction, functions)
+        after = None if beyond.is_too_large else _turn(beyond, parts, spectra)
+        yield turn, after
+        if after is None:
+            return
+        turn = after
+
+
+def _turn(problem: PartProblem, parts: Sequence[Part], spectra: Spectra) -> _Turn:
+    errors = problem.estimated()
+    # Parts are independent, and most of the time is spent in products of matrices, outside Python.
+    return _Turn(problem, errors, list(in_order(partial(_odds, errors, spectra), parts)))
 
 
 def _explain_the_same(turn: _Turn, after: _Turn, index: int) -> bool:

@@ -19,7 +19,7 @@ from truing.inference.model import CauseT
 _TAILS = 2.0  # degrees of freedom of Student's t, the distribution of the scatter
 _FITS, _STEPS = 3, 20  # fits of the unknowns, and steps of the scatter's estimate in each
 _LEAST_SCATTER = 1e-6  # variance, in units of that of the noise
-_MOST_PRODUCTS = 3e10  # of numbers, in one fit
+_MOST_PRODUCTS = 1e10  # of numbers, in one fit: about ten seconds
 _LEAST_INFORMATION = 1e-6  # on a combination of errors, over that on all of them; of less, nothing is known
 
 
@@ -49,6 +49,12 @@ class PartProblem:
             prior_by_shared=priors,
             prior_residual=np.concatenate([self.prior_residual, np.zeros(count)]),
         )
+
+    @property
+    def is_too_large(self) -> bool:
+        """True if one fit would take longer than ten seconds."""
+        epochs, tall, unknowns = self.by_shared.shape
+        return epochs * tall * unknowns**2 > _MOST_PRODUCTS
 
     def estimated(self) -> PartErrors:
         """Return the errors of the parts, weighted by noise and by the scatter of all parts."""
@@ -135,17 +141,16 @@ def part_problem(fitted: FittedModel[CauseT]) -> PartProblem | None:
         :, :, [places[pathway.pathway].start + pathway.column for pathway in error_pathways]
     ]
     epochs, tall, _ = moved.shape
-    if epochs * tall * whitened.whole.shape[1] ** 2 > _MOST_PRODUCTS:
-        return None
     size = np.sqrt(np.mean(np.sum(moved**2, 1), 0))
     first = epochs * tall
-    return PartProblem(
+    problem = PartProblem(
         moved / np.where(size > 0.0, size, 1.0),
         whitened.own,
         whitened.residual[:first].reshape(epochs, tall),
         whitened.whole[first:],
         whitened.residual[first:],
     )
+    return None if problem.is_too_large else problem
 
 
 class _Weights:

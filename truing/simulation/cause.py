@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
@@ -221,7 +221,7 @@ class Cause(Generic[SceneT_contra]):
 
     def settings(self) -> dict[str, object]:
         """Return the fields of the cause by name, as model.toml keeps them."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: getattr(self, name) for name in _names_of_fields(type(self))}
 
     def with_settings(self, **settings: Any) -> Self:
         """Return the cause with settings read from TOML, where tuples are lists."""
@@ -336,6 +336,11 @@ class Cause(Generic[SceneT_contra]):
         sigma = np.sqrt(np.diag(covariance))
         named = zip(self.parameters(legs), values, sigma, strict=True)
         return tuple(ReportedParameter(p.name, float(v / p.si), float(s / p.si), p.unit) for p, v, s in named)
+
+
+@cache
+def _names_of_fields(kind: type[Cause[Any]]) -> tuple[str, ...]:
+    return tuple(own.name for own in fields(kind))
 
 
 @dataclass(frozen=True)

@@ -144,8 +144,9 @@ class ChainInputs:
         force, moment = _loads(self.tree, self.conditions, gravity, self.payload)
         return replace(self, force=force, moment=moment, gravity=gravity)
 
+    @cached_property
     def without_payload(self) -> ChainInputs:
-        """Return the inputs under the weight of links alone."""
+        """Inputs under the weight of links alone."""
         bare = replace(self.conditions, payload_kg=np.zeros_like(self.conditions.payload_kg))
         return replace(self, conditions=bare).under(self.gravity)
 

@@ -324,8 +324,12 @@ def _times(matrices: NDArray, vectors: NDArray) -> Array:
 
 def _crossed(first: NDArray, second: NDArray) -> Array:
     """Return cross products (..., 3); for small arrays several times faster than NumPy's, which moves axes."""
-    (a, b, c), (x, y, z) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
-    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], -1)
+    a, b, c = first[..., 0], first[..., 1], first[..., 2]
+    x, y, z = second[..., 0], second[..., 1], second[..., 2]
+    along_x = b * z - c * y
+    result = np.empty((*along_x.shape, 3))
+    result[..., 0], result[..., 1], result[..., 2] = along_x, c * x - a * z, a * y - b * x
+    return result
 
 
 def _about(axis: NDArray, angle: NDArray | float) -> Array:

@@ -66,7 +66,7 @@ class WeightFactor(JointCause):
         machine = scene.inputs_of_machine
         if machine.gravity is None or not machine.conditions.payload_kg.any():
             return ()
-        of_links = machine.without_payload()
+        of_links = machine.without_payload
         result: list[WeightFactor] = []
         for joint in super().candidates(scene):
             reading = machine.tree.readings.index(joint.joint)
@@ -83,7 +83,7 @@ class WeightFactor(JointCause):
     def _loads(self, machine: ChainInputs) -> tuple[Array, Array]:
         """Return the load (B,) on the joint by the part that is right, and by the other times its factor."""
         reading = machine.tree.readings.index(self.joint)
-        links = machine.without_payload().torque(reading)
+        links = machine.without_payload.torque(reading)
         payload = machine.torque(reading) - links
         right, wrong = (links, payload) if self.part == PAYLOAD else (payload, links)
         return right, self.factor * wrong
