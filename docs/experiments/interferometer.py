@@ -1,4 +1,4 @@
-"""Tables of docs/interferometer.md: signals, fringes, runs, compliance, positioning of an axis.
+"""Tables of docs/interferometer.md: signals, fringes, compliance, positioning of an axis.
 
     TRUING_REAL_DATA=FOLDER python -m docs.experiments.interferometer
 
@@ -16,10 +16,7 @@ import numpy as np
 
 from docs.experiments.interferometer_bench import (
     compliance_table,
-    curves_table,
     entries_table,
-    quality_table,
-    runs_table,
     signed,
 )
 from docs.experiments.marked_tables import renew, table
@@ -146,11 +143,8 @@ MADE: dict[str, Callable[[], str]] = {
     "worth": worth_table,
     "arcs": arcs_table,
     "counting": counting_table,
-    "runs": runs_table,
     "compliance": compliance_table,
     "entries": entries_table,
-    "curves": curves_table,
-    "quality": quality_table,
 }
 MEASURED: dict[str, Callable[[Path], str]] = {"signals": signals_table, "positioning": positioning_table}
 
