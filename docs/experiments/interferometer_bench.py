@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import table
-from tests.estimation.interferometry.bench import ALL_PAIRS, LEVELS, OWN_PAIRS, Log, made_log
+from tests.estimation.interferometry.bench import ALL_PAIRS, OWN_PAIRS, Log, made_log
 from tests.simulation.bench.six_upur.sensors import sensor_of
 from truing.estimation.interferometry.compliance import Compliance, compare, fit_compliance
 

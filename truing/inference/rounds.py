@@ -427,11 +427,6 @@ def score_round(
     return _round(fitted, replace(search, candidates=[*search.candidates, *added]), scores)
 
 
-def scored(fitted: FittedModel[CauseT], search: Search[CauseT]) -> Round[CauseT]:
-    """Return the round of a fitted model with the candidates of a search."""
-    return _round(fitted, search, scores_of(search.candidates, fitted, search.pathways.residual))
-
-
 def _round(fitted: FittedModel[CauseT], search: Search[CauseT], scores: Sequence[Score]) -> Round[CauseT]:
     by_key = {candidate.key: score for candidate, score in zip(search.candidates, scores, strict=True)}
     kinds = {candidate.key: candidate.kind for candidate in search.candidates}

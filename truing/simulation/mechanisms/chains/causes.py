@@ -24,7 +24,6 @@ _GAIN = 5e-4
 # Deflection that a plausible compliance gives under the largest load, rad or m.
 _MM = 1e-3
 # A load that varies by a smaller share of the largest load on the chain is constant, apart from rounding.
-_LEAST_LOAD = 1e-6
 # Parts of a length that are smaller by this factor are rounding of the description.
 ROUNDED = 1e-4
 # Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.
