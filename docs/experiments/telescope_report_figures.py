@@ -16,7 +16,7 @@ from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_remainder import ROWS, TOGETHER, Ignorance, explain, remainder
 from truing.simulation.mechanisms.structures.beam_model import flexure_path
 
-# Colours told apart by colour-blind readers; marks told apart in print.
+# Colours that colour-blind readers can distinguish; marks that differ in print.
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#999999"
 UNITS = {"u_x": "", "kappa": "1e-3", "a_x": "mm", "a_y": "mm", "b_x": "mm", "b_y": "mm", "l": "mm"}
 SIGNS = {"u_x": "u_x", "kappa": "Δκ", "a_x": "Δa_x", "a_y": "Δa_y", "b_x": "Δb_x", "b_y": "Δb_y", "l": "Δl"}

@@ -21,8 +21,8 @@ from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import ENCODERS, MEASURED
 from truing.stages.common.approaches import gross_approaches
 from truing.stages.common.axis_columns import (
+    REPORTED_UNITS,
     SI,
-    TOLD,
     AxisColumns,
     columns_of,
     command_sigma,
@@ -171,8 +171,8 @@ def _required(errors: pa.Table, section: AxisMechanism, settings: Campaign) -> p
             "pose": row["pose"],
             "role": row["role"],
             "component": "axis",
-            "missed": row["missed_after"] * TOLD[unit][1] / SI[unit],
-            "missed_before": row["missed_before"] * TOLD[unit][1] / SI[unit],
+            "missed": row["missed_after"] * REPORTED_UNITS[unit][1] / SI[unit],
+            "missed_before": row["missed_before"] * REPORTED_UNITS[unit][1] / SI[unit],
             "sigma": sigma,
             "unit": unit,
         }

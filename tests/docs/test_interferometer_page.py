@@ -99,9 +99,9 @@ def test_the_example_of_what_is_known_of_beams_frame_and_surroundings_gives_its_
         assert (row["subject"], row["correction"], row["unit"]) == (shown_row["subject"], shown_row["correction"], "um")
         assert_close([row["largest"], row["sigma"]], [float(shown_row[k]) for k in ("largest", "sigma")], atol=6e-5)
     assert "corrected for the geometry of beams: dz by" in output["pose"].figure
-    told_on_page = corrections({"reading_corrections": tables["reading_corrections"].to_pandas()}).rows
-    assert [row[:2] for row in told_on_page] == [
+    shown_on_page = corrections({"reading_corrections": tables["reading_corrections"].to_pandas()}).rows
+    assert [row[:2] for row in shown_on_page] == [
         ("dz", "refractive index of the air"),
         ("dz", "temperature of the material"),
     ]
-    assert "0.86" in told_on_page[1][2]
+    assert "0.86" in shown_on_page[1][2]

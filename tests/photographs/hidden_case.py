@@ -126,7 +126,7 @@ def draw_two(rng: np.random.Generator) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class PhotographedCase:
-    """A campaign with effects in it, each as strong alone as it is told."""
+    """A campaign with effects in it, each as strong alone as stated."""
 
     plan: Plan
     seed: int

@@ -64,7 +64,7 @@ class Shooting:
     lenses: tuple[Lens, ...] = (Lens(),)
     stations: Round = field(default_factory=Round)
     sigma_px: float = 0.02
-    told_sigma_px: float | None = None
+    stated_sigma_px: float | None = None
     bars: tuple[Bar, ...] = BARS
     widest_deg: float = 68.0  # between a target's normal and the line of sight
     missing_share: float = 0.03

@@ -38,8 +38,8 @@ def campaign(tables) -> SectionVerdict:
     return verdict_rows(with_verdict(tables))["campaign"]
 
 
-def checks(*told: tuple[str, str]) -> pd.DataFrame:
-    made_of = [(name, "base", 0.4, 0.3, "mm", verdict, f"{name} says so.", None) for name, verdict in told]
+def checks(*stated: tuple[str, str]) -> pd.DataFrame:
+    made_of = [(name, "base", 0.4, 0.3, "mm", verdict, f"{name} says so.", None) for name, verdict in stated]
     columns = ["check", "subject", "value", "limit", "unit", "verdict", "message", "accepted"]
     return pd.DataFrame(made_of, columns=columns)
 

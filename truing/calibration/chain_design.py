@@ -40,7 +40,7 @@ _MM = 1e-3
 # Candidates that exchanges try: those to which the best design is most sensitive.
 _POOL = 240
 _STARTS = 1
-_MOST_TOLD = 3  # poses that are named for one combination
+_MOST_NAMED = 3  # poses that are named for one combination
 # Share of an effect's square below which the plain unknowns absorb it.
 _LEAST_VISIBLE = 1e-8
 
@@ -239,7 +239,7 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
         sigma = 1.0 / sight if sight > observability.rounding else np.inf
         if float(every.sensitivity(direction)) > every.least:
             fitted = replace(offered, fitted=Fitted(poses.model, np.zeros(len(turn)), covariance))
-            choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_TOLD)
+            choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_NAMED)
             if choice.is_enough:
                 combinations.append(HiddenCombination(text, sigma, Remedy.POSES, changes, choice.chosen, choice.times))
                 continue

@@ -44,7 +44,7 @@ def ray_poses(seed: int) -> RayPoses:
     )
 
 
-def told(rays: RayPoses, off: NDArray, seed: int) -> Epochs:
+def measured_epochs(rays: RayPoses, off: NDArray, seed: int) -> Epochs:
     """What rays tell where the numbers (B, T) are off by so many of their scales."""
     noise = np.random.default_rng([seed, 1]).standard_normal(rays.root.shape[:2])
     values = np.einsum("bkt,bt->bk", rays.root, off) + noise * rays.is_observed

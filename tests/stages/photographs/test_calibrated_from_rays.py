@@ -59,10 +59,10 @@ def test_poses_of_every_method_scatter_by_their_sigmas(drawn: Tables) -> None:
         assert np.abs(ratio - 1.0).max() < 4.0 * np.sqrt(2 / len(off))
 
 
-def _matrix(told: pd.DataFrame, names: list[str]) -> Array:
+def _matrix(given: pd.DataFrame, names: list[str]) -> Array:
     place, matrix = {name: n for n, name in enumerate(names)}, np.full((len(names), len(names)), np.nan)
-    one, other = (told[name].map(place).to_numpy() for name in ("measured_number", "other_number"))
-    matrix[one, other] = matrix[other, one] = told["joint_covariance"]
+    one, other = (given[name].map(place).to_numpy() for name in ("measured_number", "other_number"))
+    matrix[one, other] = matrix[other, one] = given["joint_covariance"]
     return matrix
 
 
