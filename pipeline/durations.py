@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from truing.pipeline.whole_file import write_atomically
+from truing.pipeline.atomic_file import write_atomically
 from truing.schemas.stage_cost import StageCost
 
 FILE = "durations.json"

@@ -30,10 +30,8 @@ from truing.pipeline.init_entries import (
 )
 from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_loads import with_loads_once
-from truing.pipeline.init_loads_apart import with_loads_apart
 from truing.pipeline.init_log_at_times import with_log_at_times
 from truing.pipeline.init_machine import with_bodies_of_legs
-from truing.pipeline.init_measured_apart import with_measured_apart
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_parts import with_parts_of_one_list, with_stations
 from truing.pipeline.init_prefixes import with_prefixed_survey
@@ -50,6 +48,8 @@ from truing.pipeline.init_robot import (
 )
 from truing.pipeline.init_rows import next_steps
 from truing.pipeline.init_runs import with_runs_apart
+from truing.pipeline.init_separate_loads import with_loads_apart
+from truing.pipeline.init_separate_readings import with_measured_apart
 from truing.pipeline.init_slides import with_slides
 from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
 from truing.pipeline.init_text import (

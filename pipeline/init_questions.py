@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truing.formats.guess import MappingKeys
-from truing.formats.shapes import COORDINATES
+from truing.formats.raw_tables import COORDINATES
 from truing.formats.units import UnknownUnit, conversion, dimension
-from truing.pipeline.starter import assumed_unit, has_open_rotation, unread_units
+from truing.pipeline.campaign_template import assumed_unit, has_open_rotation, unread_units
 from truing.schemas.columns import find_column
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean

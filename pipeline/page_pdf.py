@@ -10,11 +10,11 @@ from pathlib import Path
 
 from truing.child_processes import child_environment
 from truing.pipeline.artifacts import table_of
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_folder import suggested_folder
 from truing.pipeline.campaign_run import verdict_line
 from truing.pipeline.console import RunConsole
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, environment
-from truing.pipeline.whole_file import write_atomically
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.verdict import CAMPAIGN

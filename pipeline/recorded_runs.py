@@ -11,6 +11,7 @@ from pathlib import Path
 from truing import __version__
 from truing.pipeline.all_campaigns import PAGE as CAMPAIGNS_PAGE
 from truing.pipeline.artifacts import Stamp, write_table
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_folder import open_campaign, suggested_folder
 from truing.pipeline.completions import ALL_FORMS, CERTIFICATE, FORMS, ROBOT
 from truing.pipeline.console import RunConsole
@@ -18,7 +19,6 @@ from truing.pipeline.given_files import check_folder
 from truing.pipeline.manifest import DigestCache, Manifest, read_manifest
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
-from truing.pipeline.whole_file import write_atomically
 from truing.report.comparison.compared_runs import ComparedRun, RunComparison, RunTransition
 from truing.report.comparison.page import comparison_head, comparison_sections
 from truing.report.glossary_section import with_reference

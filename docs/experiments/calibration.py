@@ -22,7 +22,7 @@ from docs.experiments.marked_tables import renew, table
 from docs.experiments.sample_telescope import nominal
 from docs.experiments.telescope_report_data import published
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance
-from truing.calibration.calibration_question import Case
+from truing.calibration.estimation_problem import Case
 from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
 from truing.calibration.model_cases import screened
 from truing.estimation.rotation import exp_so3, log_so3

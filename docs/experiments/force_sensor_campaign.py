@@ -24,8 +24,8 @@ from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.effect_units import size_text
 from truing.report.diagnosis.load_corrections import unrecorded_loads
 from truing.report.diagnosis.prediction_errors import reading_misses, root_mean_square
-from truing.report.head import build_head
 from truing.report.numbers import plain, printed, with_uncertainty
+from truing.report.page_head import build_head
 from truing.report.tables import CHANNELS, LOADS, WHY_NOT
 
 if TYPE_CHECKING:

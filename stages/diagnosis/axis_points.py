@@ -29,8 +29,8 @@ from truing.stages.common.axis_columns import (
     encoder_sigma,
     excluded_rows,
 )
-from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
 from truing.stages.common.blocks import groupings_of, labels_of, selected_groupings
+from truing.stages.common.evaluable_axis_stages import is_held_out, why_no_diagnosis
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.residual_tables import errors_by_role, identified_table
 

@@ -12,8 +12,8 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index, Mask
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import TRANSIT, WRENCH
 from truing.formats.row_collection import CollectedRows
-from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import (
     check_unique_keys,

@@ -16,8 +16,8 @@ from truing.arrays import Array, Mask
 from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_index import PointIndex
+from truing.formats.raw_tables import COORDINATE_SIGMAS, POINTS
 from truing.formats.read import FileRows, prefetched, read_table
-from truing.formats.shapes import COORDINATE_SIGMAS, POINTS
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS

@@ -7,8 +7,8 @@ import pyarrow as pa
 
 from truing.arrays import Array, TableRow
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import PUBLISHED
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import PUBLISHED
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
 from truing.stages.common.rows import Rows

@@ -12,8 +12,8 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import times_from_order
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import SHOWN, SIGNALS, WRENCH
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.columns import COLUMNS
 from truing.schemas.faults import Fault

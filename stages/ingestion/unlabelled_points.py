@@ -15,8 +15,8 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies
 from truing.formats.dictionaries import as_dictionary, codes
 from truing.formats.evaluation import TableBatch, coordinates
+from truing.formats.raw_tables import COORDINATES
 from truing.formats.read import FileRows
-from truing.formats.shapes import COORDINATES
 
 if TYPE_CHECKING:
     from truing.stages.declaration import Progress

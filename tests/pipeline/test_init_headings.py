@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import JOINTS, init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import CONFIGURATIONS, POINTS, POSES, POSITIONING, SIGNALS
+from truing.formats.raw_tables import CONFIGURATIONS, POINTS, POSES, POSITIONING, SIGNALS
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
 

@@ -20,7 +20,7 @@ from truing.schemas.campaign import read_campaign
 from truing.schemas.settings_text import parsed_toml
 from truing.stages.axis.positioning import positioning_rows, with_axis_positioning
 from truing.stages.common.axis_columns import columns_of
-from truing.stages.common.axis_prospects import IN_MOTION, prospects
+from truing.stages.common.evaluable_axis_stages import IN_MOTION, prospects
 from truing.stages.declaration import Outcome
 
 TARGETS = (-40.0, 0.0, 40.0)

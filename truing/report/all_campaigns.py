@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from truing.belonging.relation import RelationState
-from truing.report.heads import Head, schema_head
+from truing.report.column_heads import Head, schema_head
 from truing.report.numbers import count_text, listed
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.reference import reference

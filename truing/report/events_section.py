@@ -6,7 +6,7 @@ import math
 
 import pandas as pd
 
-from truing.report.heads import BODY, FREEDOM, POSE, TARGET, Head, P
+from truing.report.column_heads import BODY, FREEDOM, POSE, TARGET, Head, P
 from truing.report.numbers import count_text, p_value, plain, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, table_or_none

@@ -10,8 +10,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from truing.belonging.counted_times import merely_counts
+from truing.report.column_heads import CHANNEL, FROM, LOAD, ROLE, RUN, TO, Head
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
-from truing.report.heads import CHANNEL, FROM, LOAD, ROLE, RUN, TO, Head
 from truing.report.numbers import count_text, duration, in_one_unit, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import (

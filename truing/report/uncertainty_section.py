@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import Head, term_head
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
-from truing.report.heads import Head, term_head
 from truing.report.numbers import count_text, plain, rough, sign, with_uncertainty
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.parameter_names import print_unit

@@ -13,7 +13,7 @@ from tests.sentences import assert_says, says
 from truing.report.diagnosis.adequacy import adequacy as adequacy_section
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
-from truing.report.head import build_head
+from truing.report.page_head import build_head
 from truing.report.stopping_section import stop
 from truing.schemas.needs import Need
 

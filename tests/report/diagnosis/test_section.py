@@ -15,8 +15,8 @@ from tests.report.test_page import ATTACKS, Reader, render
 from tests.sentences import assert_says, says
 from truing.report.calibration.section import calibration
 from truing.report.diagnosis.section import diagnosis
-from truing.report.head import build_head
 from truing.report.page import MOST_ROWS
+from truing.report.page_head import build_head
 
 
 def test_not_evaluated_is_neither_a_pass_nor_a_failure():

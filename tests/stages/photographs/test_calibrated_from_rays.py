@@ -18,7 +18,7 @@ from tests.photographs.machine import copied, moved, stated_covariance
 from tests.photographs.rays import Shooting, exact_campaign
 from tests.stages.line import settings_of
 from truing.calibration.calibration_input import CalibrationData
-from truing.calibration.calibration_question import Case, cases
+from truing.calibration.estimation_problem import Case, cases
 from truing.calibration.fits import MachineCalibration, maximum_likelihood
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.pipeline.in_memory import call_stage

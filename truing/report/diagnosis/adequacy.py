@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from truing.belonging.relation import RelationState
+from truing.report.column_heads import CORRECTED_P, Head
 from truing.report.diagnosis.assessed_causes import (
     AssessedCause,
     accepted_of,
@@ -17,7 +18,6 @@ from truing.report.diagnosis.assessed_causes import (
 from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words, used_words
 from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
-from truing.report.heads import CORRECTED_P, Head
 from truing.report.numbers import count_text, p_value, rough, rough_quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import pandas as pd
 
+from truing.report.column_heads import CAUSE, Head, schema_head
 from truing.report.diagnosis.assessed_causes import AssessedCause
 from truing.report.diagnosis.next_steps import NextStep, next_steps
 from truing.report.diagnosis.prediction_errors import part_names
-from truing.report.heads import CAUSE, Head, schema_head
 from truing.report.numbers import count_text, printed
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, table_or_none

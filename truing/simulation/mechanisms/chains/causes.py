@@ -13,10 +13,10 @@ from truing.arrays import Index
 from truing.inference.model import CauseT, Onsets, ScatterCandidate, onsets_in_time
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import LAST_STEP, PATH, Missing
-from truing.simulation.mechanisms.chains.centres import moments_off_centre, off_centre
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
-from truing.simulation.mechanisms.chains.passing import nodes_moved_alike
+from truing.simulation.mechanisms.chains.mass_centres import moments_off_centre, off_centre
+from truing.simulation.mechanisms.chains.transmitted_motions import nodes_moved_alike
 from truing.simulation.mechanisms.chains.tree import Node, axis_twist
 
 _ANGLE, _LENGTH = 5e-4, 3e-4  # plausible errors of a joint, rad and m

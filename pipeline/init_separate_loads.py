@@ -13,7 +13,7 @@ import numpy as np
 from truing.arrays import Array
 from truing.formats.guess import MappingKeys, OtherWay
 from truing.formats.named_loads import channel_mapping, channels_without_loads
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 from truing.formats.units import bare_and_unit
 from truing.pipeline.init_preview import batches
 from truing.schemas.faults import CampaignFaults

@@ -17,7 +17,7 @@ _UNITS = {"mm": " mm", "1": ""}
 _WITHIN = {"workspace": "within the limits of pose and readings in [workspace]", "actuators": "within rho_mm alone"}
 
 
-def words_of(design: Design) -> list[str]:
+def design_lines(design: Design) -> list[str]:
     """Return the output lines of a design."""
     return [
         *_parameters_chosen(design),
@@ -127,7 +127,7 @@ def _existing(design: Design) -> list[str]:
     return [line, f"one chosen pose is worth {ratio:.2f} of the campaign's own poses"]
 
 
-def words_of_loads(plan: LoadPlan) -> list[str]:
+def load_lines(plan: LoadPlan) -> list[str]:
     """Output lines of a plan of loads."""
     options = plan.options
     held_out_words = f" and {options.verification} for verification" if options.verification else ""
