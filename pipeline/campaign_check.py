@@ -242,7 +242,7 @@ def report_check(path: Path, console: RunConsole) -> ExitCode:
         "contradictions": contradictions,
         "prospects": campaign_check.prospects,
     }
-    console.tell("campaigns", {**facts, "attention": attention})
+    console.add_fact("campaigns", {**facts, "attention": attention})
     console.line(f"{campaign.file}: {verdict}; {campaign_check.read}")
     for line in contradictions or campaign_check.prospects:
         console.line(line)

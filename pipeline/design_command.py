@@ -199,7 +199,7 @@ def _report_plan(
     if not table.num_rows:
         return
     for row in table.to_pylist():
-        console.tell("chosen", row)
+        console.add_fact("chosen", row)
     if out is None:
         console.line(table_bytes(table, ".csv").decode().rstrip("\n"))
         return

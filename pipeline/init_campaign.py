@@ -138,7 +138,7 @@ def init_campaign(
     after = f"complete it, then: truing check {folder}" if has_tables else "no file of the folder is read yet"
     console.written(f"wrote {target}; {after}", [target])
     for point in all_answers.open_points():
-        console.tell("open_points", point)
+        console.add_fact("open_points", point)
         if not point["answered"]:
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = printable(str(point["path"])), point["key"]
@@ -159,7 +159,7 @@ def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunC
     for number, (group, guess) in enumerate(guesses):
         words = _summary(group, guess)
         console.line(f"{printable(group.glob)}: {words}")
-        console.tell(
+        console.add_fact(
             "inputs", {"path": group.path or group.glob, "files": group.count, "table": guess.table, "summary": words}
         )
         is_shown = number < _SHOWN_FILES

@@ -1,5 +1,4 @@
-"""Loads in one file and signals in another, for `truing init`: two tables of one bench, and how their rows belong
-together."""
+"""Loads in one file and signals in another, for `truing init`: two tables of one bench, joined row by row."""
 
 from __future__ import annotations
 

@@ -44,13 +44,13 @@ def report_run(folder: Path, *, as_pdf: bool, everything: bool, out: Path | None
         write_atomically(target, printed(page, everything=everything))
     verdict = table_of(folder, "verdict")
     for row in () if verdict is None else verdict.to_pylist():
-        console.tell("verdicts", row)
+        console.add_fact("verdicts", row)
         if row["section"] == CAMPAIGN:
             console.line(verdict_line(row))
-    console.tell("files", {"file": str(page)})
+    console.add_fact("files", {"file": str(page)})
     console.line(f"report: {page}")
     if as_pdf:
-        console.tell("files", {"file": str(target)})
+        console.add_fact("files", {"file": str(target)})
         console.line(f"pdf: {target}")
     return ExitCode.DONE
 

@@ -326,7 +326,7 @@ def _report(
     console.show(SIZE_HEADS, size_rows(sizes.to_pandas()))
     for name, table in (("sizes", sizes), ("rates", rates)):
         for row in table.to_pylist():
-            console.tell(name, row)
+            console.add_fact(name, row)
     if alarms := alarm_words(rates.to_pandas()):
         console.sentence(alarms)
     if photographs is not None:

@@ -46,7 +46,7 @@ def predict_file(model: Path, inputs: Path, out: Path | None, console: RunConsol
     predicted = _errors(model, text, inputs) if is_campaign else _predicted(model, text, inputs)
     if isinstance(console, JsonConsole):
         for row in predicted.to_pylist():
-            console.tell(_artifact(predicted), row)
+            console.add_fact(_artifact(predicted), row)
     elif out is None:
         sys.stdout.write(_csv(predicted).decode())
     if is_campaign:

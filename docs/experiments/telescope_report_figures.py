@@ -61,7 +61,7 @@ PANEL_W, PANEL_H = SIDE + LEFT + 12, SIDE + TOP + 44
 
 
 def draw_absorption(path: Path) -> None:
-    """Draw every parameter of Tables 5a and 6a: what K makes of it, against what was identified on the machine."""
+    """Draw every parameter of Tables 5a and 6a: predicted by K against identified on the machine."""
     parts, width, block = [], 3 * PANEL_W + 8, 2 * PANEL_H + 34
     for r, table in enumerate(TITLES):
         top = 26 + r * block
@@ -115,7 +115,7 @@ def _scatter(name: str, full: NDArray, first: NDArray, is_observed: NDArray) -> 
 
 @dataclass(frozen=True)
 class _View:
-    """Top view: where millimetres of the base's x y come to lie."""
+    """Top view: from x, y of the base in mm to the drawing."""
 
     x: float
     y: float

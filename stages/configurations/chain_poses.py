@@ -48,8 +48,8 @@ class ChainDesignTables:
 
 @dataclass(frozen=True)
 class ShownByPoses:
-    """What some poses show: the table of unknowns, that of causes, and hidden combinations with the readings (T, n) of
-    poses that would show them."""
+    """Information of some poses: the table of unknowns, that of causes, and hidden combinations with the readings (T,
+    n) of poses that would show them."""
 
     count: int
     numbers: pa.Table

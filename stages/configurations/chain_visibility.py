@@ -1,4 +1,4 @@
-"""What poses of a chain show: its unknowns, each cause, and combinations that they hide, as tables."""
+"""Information of a chain's poses on its unknowns and on each cause, with hidden combinations, as tables."""
 
 from __future__ import annotations
 
@@ -118,8 +118,8 @@ def _order_of(cause: ChainCause) -> float | None:
 
 
 def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause]], scale: float) -> list[Remedy]:
-    """What separates the effects of two causes: as many poses anywhere within the ranges, these with two payloads, or
-    neither. ``scale``: root of the number of poses per probe."""
+    """Poses that separate the effects of two causes: as many poses anywhere within the ranges, these with two payloads,
+    or neither. ``scale``: root of the number of poses per probe."""
     if not pairs:
         return []
     causes = list({cause.key: cause for pair in pairs for cause in pair}.values())

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 Mask = NDArray[np.bool_]
 
-# Rows of a recording that are compared, evenly spread over it: more of them take long and tell little more.
+# Rows of a recording that are compared, evenly spread over it: more rows take long and add little information.
 _MOST_ROWS = 1500
 # Prior of an encoder's zero, as a multiple of the distance of its readings from the commands.
 _WIDE = 1e3

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 
 _ATTACHMENT_MM = 0.03
-"""How far, one standard deviation, a target at an attachment may sit from its survey because the platform deforms."""
+"""Standard deviation of a target at an attachment about its survey, because the platform deforms."""
 
 _GIVES_WAY = 5e-5
-"""How far, in parts of a body's size, its targets may sit from their survey: 10 K of aluminium over half of it."""
+"""Distance of a target from its survey in parts of the body's size: 10 K of aluminium over half of it."""
 
 MOST_POINTS = 3000
 """More points of one pose than anybody names by geometry: above, the file holds a surface."""

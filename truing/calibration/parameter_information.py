@@ -69,8 +69,8 @@ class LinearisedMeasurements:
 def linear(
     dataset: CalibrationData, estimation: EstimationProblem, values: NDArray, measured: MeasuredPlatform
 ) -> LinearisedMeasurements:
-    """Return the derivatives of all measurements by the unknowns of a problem at given values, and by the entries of K (L
-    L).
+    """Return the derivatives of all measurements by the unknowns of a problem at given values, and by the entries of K
+    (L L).
 
     The rows of the closures come first, then those of the survey of the attachments.
     """
@@ -247,7 +247,8 @@ def refitted_calibration(
 ) -> RefittedCalibration | None:
     """Return the maximum-likelihood calibration of a model (structure, deformation), refitted from its result.
 
-    start_values: values by parameter and leg, in the units of the tables. None where there is no such model, or no minimum.
+    start_values: values by parameter and leg, in the units of the tables. None where there is no such model, or no
+    minimum.
     """
     every = list(cases(dataset, structures(dataset.machine)))
     case = next((case for case in every if case.key == key), None)

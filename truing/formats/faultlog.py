@@ -16,7 +16,7 @@ from truing.arrays import Index, Mask
 from truing.schemas.faults import CampaignFaults, Fault
 
 SHOWN = 3
-"""How many faults of one kind are listed one by one."""
+"""Largest number of faults of one kind that are listed one by one."""
 Records = Index
 _NUMBER = re.compile(r"[-+\d.,' ]{0,30}([eE][-+]?\d{1,3})?|[-+]?(nan|inf)", re.IGNORECASE)
 _COUNT = re.compile(r"\d{1,18} (bytes|cells|columns|files|frames|labels|lines|numbers|points|rows|vertices)")

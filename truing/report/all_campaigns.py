@@ -100,7 +100,7 @@ def _problem(row: TableRow) -> str:
 
 
 def _deciding(rows: Sequence[TableRow]) -> ReportSection:
-    """How many campaigns each section of the report decides."""
+    """Number of campaigns whose verdict each section of the report decides."""
     decided = Counter((_state(row), row["decided_by"] or "") for row in rows)
     heads = (_VERDICT, _DECIDED_BY, Head("campaigns", "Number of campaigns with this verdict by this section."))
     cells = [(state, section, f"{number:,}") for (state, section), number in decided.most_common()]

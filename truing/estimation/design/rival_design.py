@@ -175,9 +175,9 @@ class ChosenPoses:
         """Number of measurements of all candidates together."""
         return sum(self.times)
 
-    def with_values(self, tell: Callable[[float], float]) -> ChosenPoses:
+    def with_values(self, convert: Callable[[float], float]) -> ChosenPoses:
         """Return the choice with its values converted to other terms."""
-        return replace(self, values=tuple(tell(value) for value in self.values))
+        return replace(self, values=tuple(convert(value) for value in self.values))
 
 
 def candidates(fitted: Fitted, conditions: Any, instrument: PointInstrument) -> PoseCandidates:
