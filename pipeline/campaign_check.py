@@ -279,6 +279,6 @@ def _contradictions(path: Path, ingested: Mapping[str, object] | None) -> tuple[
 
 def _is_far(ratio: float | None) -> bool:
     """True if a scatter differs so much from the declared noise that only another unit explains it."""
-    from truing.stages.quality.unit_slips import FAR
+    from truing.stages.quality.unit_slips import IMPLAUSIBLE_RATIO
 
-    return ratio is not None and not 1.0 / FAR <= ratio <= FAR
+    return ratio is not None and not 1.0 / IMPLAUSIBLE_RATIO <= ratio <= IMPLAUSIBLE_RATIO

@@ -18,7 +18,7 @@ from truing.stages.configurations.chosen import DesignOptions
 from truing.stages.configurations.order_sentences import order_sentences, percent_of
 
 # Two causes look alike if an effect of plausible size differs by fewer sigma from the best effect of the other.
-APART = 5.0
+SEPARATION_SIGMAS = 5.0
 _LISTED = 5  # combinations and pairs of causes in words; the tables hold all
 _KINDS = {
     UnknownKind.OFFSET: "zeros of joints",

@@ -28,7 +28,7 @@ _ATTACHMENT_MM = 0.03
 _GIVES_WAY = 5e-5
 """Distance of a target from its survey in parts of the body's size: 10 K of aluminium over half of it."""
 
-MOST_POINTS = 3000
+MOST_UNLABELLED = 3000
 """More points of one pose than anybody names by geometry: above, the file holds a surface."""
 
 _SHOWN_RIVALS = 3
@@ -98,7 +98,7 @@ class Unlabelled:
         groups = list(_groups(pose, given_texts))
         for done, (name, of_body, rows) in enumerate(groups):
             progress(done, len(groups), f"naming the points of pose {name}")
-            if len(rows) > MOST_POINTS:
+            if len(rows) > MOST_UNLABELLED:
                 self.too_many[name] = len(rows)
                 continue
             wanted = {of_body: survey[of_body]} if of_body in survey else {} if of_body else survey

@@ -17,7 +17,7 @@ from truing.report.page import Listing, ReportSection
 from truing.report.tables import (
     LOAD_UNITS,
     LOADS,
-    STEP,
+    STEP_KEYS,
     Tables,
     axes_of,
     cell,
@@ -36,7 +36,7 @@ _SURROUNDINGS = {
     "material_temperature_c": ("temperature of the material", "°C"),
 }
 _RAW = ("phase_deg", "radius", "signal_x", "signal_y")  # raw signals of an interferometer
-_NO_SURROUNDINGS = {*STEP, "time_s", *LOADS.values(), "reading", "sigma", *_RAW}
+_NO_SURROUNDINGS = {*STEP_KEYS, "time_s", *LOADS.values(), "reading", "sigma", *_RAW}
 _COLOURS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
 _WHAT = {"air": "refractive index of the air", "material": "temperature of the material"}

@@ -15,7 +15,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.stages.line import run_line
-from truing.estimation.suspect_units import SECONDS, mistaken_times
+from truing.estimation.suspect_units import SECONDS_PER_UNIT, mistaken_times
 from truing.pipeline.command_line import app
 
 CHECKED = ("temperature-unit", "time-unit")
@@ -103,7 +103,7 @@ def test_two_hundred_good_columns_of_times_pass():
 )
 def test_times_in_another_unit_are_reported(unit, start):
     pace = np.random.default_rng(4).uniform(150.0, 400.0, 40)
-    found = mistaken_times(start + np.cumsum(pace) / SECONDS[unit])
+    found = mistaken_times(start + np.cumsum(pace) / SECONDS_PER_UNIT[unit])
     assert found is not None
     assert found.unit == unit
 

@@ -26,7 +26,7 @@ from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.verdict_sentences import certainty, counted, lower
 from truing.report.figure_style import BAR, BLUE, GREY, label, style
-from truing.report.numbers import count_text, printed, rough, sign, with_uncertainty
+from truing.report.numbers import capitalised, count_text, printed, rough, sign, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_diagnosis
 from truing.report.tables import Tables, cell, table_or_none
@@ -48,7 +48,7 @@ def diagnosis(tables: Tables) -> ReportSection | None:
     rows = assessed_causes(tables)
     if not rows:
         why = why_no_diagnosis(tables)
-        return ReportSection("diagnosis", _TITLE, why[:1].upper() + why[1:])
+        return ReportSection("diagnosis", _TITLE, capitalised(why))
     accepted = accepted_of(rows)
     rivals = [row for row in rows if row.verdict == RIVAL]
     conditional = [row for row in accepted if row.is_conditional]
