@@ -207,7 +207,10 @@ def has_repeats(settings, found):
 
 # What the page of all campaigns needs of the real project.
 _OF_THE_PAGE = (
-    *(f"truing/report/{name}.py" for name in ("__init__", "all_campaigns", "heads", "numbers", "page", "reference")),
+    *(
+        f"truing/report/{name}.py"
+        for name in ("__init__", "all_campaigns", "column_heads", "numbers", "page", "reference")
+    ),
     *(f"truing/belonging/{name}.py" for name in ("__init__", "relation")),
 )
 
