@@ -151,7 +151,7 @@ def moves_of(plan: Plan, seed: int) -> list[tuple[int, str, np.ndarray]]:
 
 def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> PhotographedCase:
     """Effects by their names in ``KINDS``, each of the wanted strength, in a campaign of the layout ``kind``; air is
-    no stronger than a room can have it, and its strength told as what it is then.
+    no stronger than a room can have it, and its strength stated as what it is then.
 
     Rays follow effects of cameras, bars, panes and air in proportion, as far as they are small: one size tells all.
     """

@@ -134,7 +134,7 @@ LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
 
 def draw_plan(kind: str, needs: frozenset[str], seed: int) -> Plan:
     """A campaign's plan by the name of its layout. ``needs`` are names of further columns, and ``even`` where actuators
-    must stand anywhere, ``wide`` where they must go far in little noise, ``upright`` where it must be told which way
+    must stand anywhere, ``wide`` where they must go far in little noise, ``upright`` where it must be stated which way
     is up, ``weighed`` where also what the legs carry.
     """
     rng = np.random.default_rng([seed, 1])
@@ -155,7 +155,7 @@ def draw_plan(kind: str, needs: frozenset[str], seed: int) -> Plan:
 
 
 def _weight(layout: Layout, needs: frozenset[str], rng: np.random.Generator) -> tuple[Weight | None, tuple[str, ...]]:
-    """What is told of the weight, and the column that tells it pose by pose: where it is needed, and elsewhere now and
+    """Stated weight, and the column that states it pose by pose: where it is needed, and elsewhere now and
     then. A machine that hardly tilts shows a weight by its changes alone, one that tilts a little if it is heavy."""
     if not needs & {"weighed", "upright"} and rng.random() > WEIGHT_IS_STATED:
         return None, ()

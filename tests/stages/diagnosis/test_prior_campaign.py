@@ -81,7 +81,7 @@ def test_the_effect_of_the_earlier_campaign_is_in_the_model_from_the_beginning(u
 
 
 def test_errors_of_both_campaigns_agree_with_the_stated_covariance(unchanged, home: Path) -> None:
-    """Identified minus true over the stated covariance, in all directions that are told: a chi-square."""
+    """Identified minus true over the stated covariance, in all directions that are determined: a chi-square."""
     import json
 
     from tests.blind.generator.folder import truth_path

@@ -168,7 +168,7 @@ def test_errors_of_all_parameters_agree_with_their_covariance(calibrated: Any) -
 
 
 def test_errors_common_to_all_poses_do_not_average_out_in_a_calibration(calibrated: Any) -> None:
-    """The combinations of numbers that are told best, in units of their tolerances, would be 1.3 times as far."""
+    """The combinations of numbers that are determined best, in units of their tolerances, would be 1.3 times as far."""
     squares = []
     for off, fit in calibrated:
         known = np.where(np.isfinite(fit.tolerance), fit.tolerance, 0.1)

@@ -83,7 +83,8 @@ def inputs(effect: Effect) -> list[str]:
 
 
 def reported_parameters(effect: Effect, campaign: ArmCampaign) -> Parameters:
-    """Parameters of an effect by names and units of a diagnosis; a lag is told as what remains at the shortest wait.
+    """Parameters of an effect by names and units of a diagnosis; a lag is reported as what remains at the shortest
+    wait.
 
     None of a curve, whose teeth are sharper than any spline.
     """
