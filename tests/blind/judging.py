@@ -26,9 +26,8 @@ UNLUCKY = 1e-3  # a correct diagnosis fails a judgement at most once in a thousa
 WITHIN_95 = 1.959964
 REPORTED = ("found", "indistinguishable")
 SUSPECTED = "suspected"  # no claim: it counts neither for nor against a name
-ALTERNATIVE = (
-    "alternative"  # suspected only because others may explain the same: reported as indistinguishable from them
-)
+# Suspected only because others may explain the same: reported as indistinguishable from them.
+ALTERNATIVE = "alternative"
 KEPT = ("cause", "verdict", "reason_code", "subject", "parameters", "follows", "p_value", "probability")
 KEPT_OF_TRUTH = ("seed", "effects", "layout", "strengths", "driver_strengths")
 KEPT_NUMBERS = ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")

@@ -14,8 +14,8 @@ NUMBERS = (
     *(RayParameter("bar", bar, "strain", "1", 1e-5, 1e-5) for bar in ("S", "T")),
     *(RayParameter("camera", "left", name, "px", 1.0, None) for name in ("x0", "y0", "c")),
 )
-# One standard deviation of each number in one pose, were all others known; of the bars only the difference is
-determined.SIGMAS = np.array([*[2e-6] * 6, 5e-3, 1e-5, 1e-5, 0.1, 0.1, 0.15]) / [number.scale for number in NUMBERS]
+# One standard deviation of each number in one pose, were all others known; of the bars only the difference is known.
+SIGMAS = np.array([*[2e-6] * 6, 5e-3, 1e-5, 1e-5, 0.1, 0.1, 0.15]) / [number.scale for number in NUMBERS]
 POSES = 24
 
 
