@@ -20,7 +20,7 @@ from benchmarks.rows import Row, record_row
 from benchmarks.timing import interleaved, pin, run_pinned
 from tests.cut_telescope import cut_telescope
 from truing.calibration.calibration_input import CalibrationData
-from truing.calibration.calibration_question import cases
+from truing.calibration.estimation_problem import cases
 from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
 from truing.calibration.model_cases import screened
 from truing.pipeline.in_memory import stage_line

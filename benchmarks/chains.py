@@ -31,7 +31,7 @@ from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.diagnosis.chain_points import assemble
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData
-from truing.stages.diagnosis.search import decided
+from truing.stages.diagnosis.search import search_causes
 
 _OURS = "truing"
 _WORSE = 2.0  # times the error of our predictions, from which on a calibration has missed the arm's causes
@@ -115,7 +115,7 @@ def calibrations(data: DiagnosisData[Any], settings: Any, steps: int | None) -> 
         return Calibrated(predictor(model, fit.shared), "")
 
     def diagnosed() -> Calibrated:
-        final = decided(data, settings, lambda *_: None).final
+        final = search_causes(data, settings, lambda *_: None).final
         return Calibrated(predictor(final.model, final.fit.shared), "; ".join(_words(final)))
 
     return {

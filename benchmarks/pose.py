@@ -134,7 +134,7 @@ def excess_of(fit: Fit, source: np.ndarray, target: np.ndarray, least: np.ndarra
 
 
 def verdict(name: str, excess: float | None, rates: dict[str, np.ndarray]) -> str:
-    """How many times faster ours is, repeat by repeat, or why there is no such number."""
+    """Ratio of the peer's time to ours, repeat by repeat, or the reason why there is none."""
     if excess is None or name == _OURS:
         return ""
     if not excess <= _EQUAL:

@@ -22,7 +22,7 @@ _PER_SECOND = {"s": 1.0, "ms": 1e3, "µs": 1e6, "ns": 1e9}
 
 
 class Holds(StrEnum):
-    """Whether a row keeps its limit."""
+    """State of a row's limit: kept, exceeded, or open."""
 
     YES = "yes"
     NO = "no"
@@ -31,7 +31,7 @@ class Holds(StrEnum):
 
 
 class PeerState(StrEnum):
-    """Whether a peer was measured."""
+    """True if a peer was measured."""
 
     MEASURED = "measured"
     UNMEASURED = "unmeasured"  # not installed here
@@ -75,7 +75,7 @@ class Row:
 
     @property
     def holds(self) -> Holds:
-        """Whether the limits hold; open if a peer is unmeasured."""
+        """State of the limits; open if a peer is unmeasured."""
         if self.limit is None and self.least_ratio is None:
             return Holds.NO_LIMIT
         if self.limit is not None and not _within(self.value, self.limit, self.more_is_better):

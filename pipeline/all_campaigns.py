@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_outcome import CampaignOutcome
 from truing.pipeline.manifest import digest_of
 from truing.pipeline.problems import gravity
-from truing.pipeline.whole_file import write_atomically
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 

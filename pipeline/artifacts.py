@@ -17,7 +17,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from truing.pipeline.whole_file import discard_parts, publish_file, sync_folder, write_part
+from truing.pipeline.atomic_file import discard_parts, publish_file, sync_folder, write_part
 from truing.schemas.artifact import Artifact, StoredTable, checked_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import first_line

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, identity_faults, open_campaign
 from truing.pipeline.campaign_run import CampaignRun, detached_run
+from truing.pipeline.campaign_template import unconfirmed
 from truing.pipeline.console import RunConsole
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import second_folder
 from truing.pipeline.stage_order import PAGE, RAW_READERS, is_optional, stage_module
-from truing.pipeline.starter import unconfirmed
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import Document
 
@@ -44,9 +44,9 @@ class CampaignCheck:
 def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
     """Read and check everything without writing. Raises CampaignFaults with every fault."""
     from truing.formats.source import OF_IMAGES, CampaignFiles
-    from truing.stages.attention import attention
+    from truing.stages.evaluable_stages import CampaignContents, has_repeats, nothing_evaluated, prospects
     from truing.stages.ingestion.loading_tables import TABLES
-    from truing.stages.prospects import CampaignContents, has_repeats, nothing_evaluated, prospects
+    from truing.stages.probable_mistakes import attention
 
     faults = _settings_faults(campaign)
     if faults:
@@ -242,7 +242,7 @@ def report_check(path: Path, console: RunConsole) -> ExitCode:
         "contradictions": contradictions,
         "prospects": campaign_check.prospects,
     }
-    console.tell("campaigns", {**facts, "attention": attention})
+    console.add_fact("campaigns", {**facts, "attention": attention})
     console.line(f"{campaign.file}: {verdict}; {campaign_check.read}")
     for line in contradictions or campaign_check.prospects:
         console.line(line)
@@ -279,6 +279,6 @@ def _contradictions(path: Path, ingested: Mapping[str, object] | None) -> tuple[
 
 def _is_far(ratio: float | None) -> bool:
     """True if a scatter differs so much from the declared noise that only another unit explains it."""
-    from truing.stages.quality.unit_slips import FAR
+    from truing.stages.quality.unit_slips import IMPLAUSIBLE_RATIO
 
-    return ratio is not None and not 1.0 / FAR <= ratio <= FAR
+    return ratio is not None and not 1.0 / IMPLAUSIBLE_RATIO <= ratio <= IMPLAUSIBLE_RATIO

@@ -1,4 +1,4 @@
-"""How one campaign of a call ended."""
+"""Outcome of one campaign of a call: exit code, verdicts and messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class CampaignOutcome:
     def repeat(self, console: RunConsole) -> None:
         """Print the collected messages, and report the facts."""
         for kind, fact in self.facts:
-            console.tell(kind, fact)
+            console.add_fact(kind, fact)
         for warns, line in self.lines:
             (console.warn if warns else console.line)(line)
 

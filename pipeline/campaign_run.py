@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import truing
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
-from truing.pipeline.durations import FILE as DURATIONS
+from truing.pipeline.durations import DURATIONS_FILE as DURATIONS
 from truing.pipeline.durations import Durations, forget_largest_memory, largest_memory
 from truing.pipeline.freshness import Evidence, Freshness, StageStatus
 from truing.pipeline.manifest import DigestCache, Entry, Manifest, StageInputs, digest_of, read_manifest

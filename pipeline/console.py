@@ -47,13 +47,13 @@ class RunConsole:
         if self._verbose:
             self.line(line)
 
-    def tell(self, kind: str, fact: Mapping[str, object]) -> None:
+    def add_fact(self, kind: str, fact: Mapping[str, object]) -> None:
         """Add a fact to the JSON output; other outputs print it as a line."""
 
     def sentence(self, sentence: str) -> None:
         """Print a sentence on a result, which JSON holds among ``sentences``."""
         self.line(sentence)
-        self.tell("sentences", {"sentence": sentence})
+        self.add_fact("sentences", {"sentence": sentence})
 
     def aside(self, sentence: str) -> None:
         """Print a sentence beside a table on standard output, unless quiet."""
@@ -64,7 +64,7 @@ class RunConsole:
         """Print which files were written; JSON holds their paths among ``files``."""
         self.line(words)
         for file in files:
-            self.tell("files", {"file": str(file)})
+            self.add_fact("files", {"file": str(file)})
 
     def close(self, code: ExitCode) -> None:
         """Print the closing lines; here nothing."""
@@ -122,7 +122,7 @@ class JsonConsole(RunConsole):
         super().__init__(quiet=True)
         self._facts: dict[str, list[object]] = {}
 
-    def tell(self, kind: str, fact: Mapping[str, object]) -> None:
+    def add_fact(self, kind: str, fact: Mapping[str, object]) -> None:
         """Keep a fact for the end."""
         self._facts.setdefault(kind, []).append(_plain(fact))
 
@@ -155,7 +155,7 @@ class Recorder(RunConsole):
         self.lines: list[tuple[bool, str]] = []
         self.facts: list[tuple[str, Mapping[str, object]]] = []
 
-    def tell(self, kind: str, fact: Mapping[str, object]) -> None:
+    def add_fact(self, kind: str, fact: Mapping[str, object]) -> None:
         """Collect one fact."""
         self.facts.append((kind, fact))
 
@@ -178,10 +178,10 @@ class Witness(Recorder):
         super().__init__()
         self._shown = shown
 
-    def tell(self, kind: str, fact: Mapping[str, object]) -> None:
+    def add_fact(self, kind: str, fact: Mapping[str, object]) -> None:
         """Collect one fact, and output it."""
-        super().tell(kind, fact)
-        self._shown.tell(kind, fact)
+        super().add_fact(kind, fact)
+        self._shown.add_fact(kind, fact)
 
     def line(self, line: str) -> None:
         """Collect one line, and print it."""

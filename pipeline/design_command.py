@@ -12,12 +12,12 @@ import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_folder import CampaignFolder, open_campaign
 from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_file, read_given, table_bytes
 from truing.pipeline.in_memory import axis_tables, bench_tables, chain_tables
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.whole_file import write_atomically
 from truing.report.numbers import count_text
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.axis_design import design_axis
@@ -27,7 +27,7 @@ from truing.stages.common.chain_candidates import Forbids
 from truing.stages.configurations.axis_targets import AxisDesignTables, words_of_axis
 from truing.stages.configurations.chain_poses import ChainDesignTables, words_of_chain
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
-from truing.stages.configurations.words import words_of, words_of_loads
+from truing.stages.configurations.design_sentences import design_lines, load_lines
 from truing.stages.design import design
 from truing.stages.ingestion.loading_tables import TABLES, read_loading_tables
 from truing.stages.ingestion.tables import read_configurations, read_survey
@@ -59,7 +59,7 @@ def design_campaign(path: Path, options: DesignOptions, files: DesignFiles, cons
     if options.causes:
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
     chosen = design(campaign.validated(), options, design_tables(campaign, files))
-    _report_plan(words_of(chosen), chosen.table, files.out, console, noun="pose")
+    _report_plan(design_lines(chosen), chosen.table, files.out, console, noun="pose")
     return ExitCode.DONE
 
 
@@ -140,7 +140,7 @@ def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignF
     _check_of_loads(options, files)
     load_plan = plan_loads(campaign.validated(), options, _loads_of(campaign))
     how = "in the order in which to apply them"
-    _report_plan(words_of_loads(load_plan), load_plan.table, files.out, console, noun="load step", how=how)
+    _report_plan(load_lines(load_plan), load_plan.table, files.out, console, noun="load step", how=how)
     return ExitCode.DONE
 
 
@@ -199,7 +199,7 @@ def _report_plan(
     if not table.num_rows:
         return
     for row in table.to_pylist():
-        console.tell("chosen", row)
+        console.add_fact("chosen", row)
     if out is None:
         console.line(table_bytes(table, ".csv").decode().rstrip("\n"))
         return

@@ -158,6 +158,6 @@ def _left(
     written = leave_tables(folder / f"{name}.csv" if files.out is None else files.out, found, page)
     for ending, table in found.items():
         for row in table.to_pylist():
-            console.tell(ending.lstrip("-") or study.first, row)
+            console.add_fact(ending.lstrip("-") or study.first, row)
     console.written(f"tables and page: {', '.join(map(str, written))}", written)
     return ExitCode.DONE

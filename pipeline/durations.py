@@ -9,10 +9,10 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from truing.pipeline.whole_file import write_atomically
+from truing.pipeline.atomic_file import write_atomically
 from truing.schemas.stage_cost import StageCost
 
-FILE = "durations.json"
+DURATIONS_FILE = "durations.json"
 _STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 _LIKE = 1.25  # largest ratio of raw bytes of two runs whose stages take about as long
 

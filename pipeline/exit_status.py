@@ -38,7 +38,7 @@ def end(action: Callable[[], ExitCode], console: RunConsole) -> ExitCode:
         for line in dict.fromkeys(map(str, error.faults)):
             console.warn(" ".join(line.split("\n")))
         for fault in dict.fromkeys(error.faults):
-            console.tell("faults", fault.facts())
+            console.add_fact("faults", fault.facts())
         return ExitCode.UNUSABLE_CAMPAIGN
     except EnvironmentProblem as error:
         console.warn(f"{error}; {KEPT}")

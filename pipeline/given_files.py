@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_folder import FILE, CampaignFolder, open_campaign
 from truing.pipeline.problems import environment
 from truing.pipeline.run_folder import PRIVATE
-from truing.pipeline.whole_file import write_atomically
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.memory import raise_shortage

@@ -30,10 +30,8 @@ from truing.pipeline.init_entries import (
 )
 from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_loads import with_loads_once
-from truing.pipeline.init_loads_apart import with_loads_apart
 from truing.pipeline.init_log_at_times import with_log_at_times
 from truing.pipeline.init_machine import with_bodies_of_legs
-from truing.pipeline.init_measured_apart import with_measured_apart
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_parts import with_parts_of_one_list, with_stations
 from truing.pipeline.init_prefixes import with_prefixed_survey
@@ -50,6 +48,8 @@ from truing.pipeline.init_robot import (
 )
 from truing.pipeline.init_rows import next_steps
 from truing.pipeline.init_runs import with_runs_apart
+from truing.pipeline.init_separate_loads import with_loads_apart
+from truing.pipeline.init_separate_readings import with_measured_apart
 from truing.pipeline.init_slides import with_slides
 from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
 from truing.pipeline.init_text import (
@@ -138,7 +138,7 @@ def init_campaign(
     after = f"complete it, then: truing check {folder}" if has_tables else "no file of the folder is read yet"
     console.written(f"wrote {target}; {after}", [target])
     for point in all_answers.open_points():
-        console.tell("open_points", point)
+        console.add_fact("open_points", point)
         if not point["answered"]:
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = printable(str(point["path"])), point["key"]
@@ -159,7 +159,7 @@ def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunC
     for number, (group, guess) in enumerate(guesses):
         words = _summary(group, guess)
         console.line(f"{printable(group.glob)}: {words}")
-        console.tell(
+        console.add_fact(
             "inputs", {"path": group.path or group.glob, "files": group.count, "table": guess.table, "summary": words}
         )
         is_shown = number < _SHOWN_FILES

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 from truing.pipeline.init_preview import batches
 from truing.schemas.faults import CampaignFaults
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from truing.formats import shapes
+from truing.formats import raw_tables
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
 from truing.formats.guess import MappingKeys
@@ -23,16 +23,29 @@ _SECONDS_OF_DATES = 1e8  # three years: of no campaign
 _SHAPES = {
     shape.name: shape
     for shape in (
-        *(shapes.POINTS, shapes.TARGETS, shapes.POSES, shapes.DISTANCES, shapes.SCANS, shapes.SURFACES),
-        *(shapes.CONFIGURATIONS, shapes.DISPLACEMENT, shapes.INTERFEROMETER, shapes.SIGNALS, shapes.LOADS_APART),
-        shapes.MEASURED_APART,
         *(
-            shapes.QUADRATURE,
-            shapes.POSITIONING,
-            shapes.PUBLISHED,
-            shapes.IMAGE_POINTS,
-            shapes.SCALE_BARS,
-            shapes.KNOWN_POINTS,
+            raw_tables.POINTS,
+            raw_tables.TARGETS,
+            raw_tables.POSES,
+            raw_tables.DISTANCES,
+            raw_tables.SCANS,
+            raw_tables.SURFACES,
+        ),
+        *(
+            raw_tables.CONFIGURATIONS,
+            raw_tables.DISPLACEMENT,
+            raw_tables.INTERFEROMETER,
+            raw_tables.SIGNALS,
+            raw_tables.LOADS_APART,
+        ),
+        raw_tables.MEASURED_APART,
+        *(
+            raw_tables.QUADRATURE,
+            raw_tables.POSITIONING,
+            raw_tables.PUBLISHED,
+            raw_tables.IMAGE_POINTS,
+            raw_tables.SCALE_BARS,
+            raw_tables.KNOWN_POINTS,
         ),
     )
 }

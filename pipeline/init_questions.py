@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truing.formats.guess import MappingKeys
-from truing.formats.shapes import COORDINATES
+from truing.formats.raw_tables import COORDINATES
 from truing.formats.units import UnknownUnit, conversion, dimension
-from truing.pipeline.starter import assumed_unit, has_open_rotation, unread_units
+from truing.pipeline.campaign_template import assumed_unit, has_open_rotation, unread_units
 from truing.schemas.columns import find_column
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
@@ -69,7 +69,7 @@ class Question:
     values: tuple[str, ...] = ()
 
     def expected(self, answer: str) -> str | None:
-        """What an answer should be; None if it is valid."""
+        """Expected form of an answer; None if it is valid."""
         if self.values:
             return None if answer in self.values else " or ".join(self.values)
         if self.key == "unit":
@@ -235,7 +235,7 @@ def _dimension(column: str) -> str:
 
 
 def _fault_of_unit(answer: str, of: str) -> str | None:
-    """What an answer for a unit of a dimension should be; None if it is one."""
+    """Expected form of an answer for a unit of a dimension; None if it is valid."""
     try:
         return None if dimension(answer) == of else f"a unit of {of}"
     except UnknownUnit as error:
@@ -340,7 +340,7 @@ def _written(place: tuple[str, str], answer: str) -> str:
 
 
 def asking() -> Ask | None:
-    """How to ask on this terminal; None without a terminal."""
+    """Function that asks on this terminal; None without a terminal."""
     return _ask if sys.stdin.isatty() and sys.stdout.isatty() else None
 
 

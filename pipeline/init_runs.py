@@ -108,7 +108,7 @@ def _run(folder: Path, path: Path, guess: Guess) -> _RunFile | None:
 
 
 def _repeats(runs: Sequence[_RunFile]) -> bool:
-    """Whether every file repeats rows of the first one: its poses, with the same bodies and targets."""
+    """True if every file repeats rows of the first one: its poses, with the same bodies and targets."""
     first = runs[0]
     return all(run.rows & first.rows and min(run.poses) == min(first.poses) for run in runs[1:])
 

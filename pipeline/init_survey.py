@@ -17,10 +17,10 @@ from truing.formats.named_columns import OF_BASE, TOOL
 from truing.formats.presets import target_column
 from truing.formats.proposed_poses import perhaps_in_metres
 from truing.formats.units import conversion
+from truing.pipeline.campaign_template import assumed_unit
 from truing.pipeline.init_preview import batches
 from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, names_a_body, without_placeholder
 from truing.pipeline.init_robot import Robot, last_link
-from truing.pipeline.starter import assumed_unit
 from truing.schemas.faults import CampaignFaults
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truing.pipeline.campaign_folder import is_safe_name
+from truing.pipeline.campaign_template import guess_lines
 from truing.pipeline.init_entries import RawGroup, shortened_entries
 from truing.pipeline.init_machine import as_toml, gives_machine
 from truing.pipeline.init_questions import names_a_body
 from truing.pipeline.init_robot import SUFFIX, Robot
 from truing.pipeline.init_rows import BY_HAND
-from truing.pipeline.starter import guess_lines
 from truing.report.numbers import count_text
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def printable(text: str) -> str:
 
 def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | None = None) -> str:
     """Text of a campaign.toml with every key explained; sections that the files give are active."""
-    from truing.pipeline.starter import known_sections
+    from truing.pipeline.campaign_template import known_sections
 
     tables = Counter(guess.table for _, guess in guesses)
     kind = kind_of_tables(tables)
@@ -61,7 +61,7 @@ def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot
 
 def starter_campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | None) -> str:
     """Text of a campaign.toml with the keys that this campaign needs."""
-    from truing.pipeline.starter import starter_text
+    from truing.pipeline.campaign_template import starter_text
 
     tables = Counter(guess.table for _, guess in guesses)
     every = [guess for _, guess in guesses]

@@ -15,7 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from truing.pipeline.whole_file import write_atomically
+from truing.pipeline.atomic_file import write_atomically
 from truing.schemas.settings_text import Document, regular_size
 
 # Two changes within one clock tick of the file system give the same time; the tick of FAT is two seconds.

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from truing.child_processes import child_environment
 from truing.pipeline.artifacts import table_of
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_folder import suggested_folder
 from truing.pipeline.campaign_run import verdict_line
 from truing.pipeline.console import RunConsole
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, environment
-from truing.pipeline.whole_file import write_atomically
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.verdict import CAMPAIGN
@@ -44,13 +44,13 @@ def report_run(folder: Path, *, as_pdf: bool, everything: bool, out: Path | None
         write_atomically(target, printed(page, everything=everything))
     verdict = table_of(folder, "verdict")
     for row in () if verdict is None else verdict.to_pylist():
-        console.tell("verdicts", row)
+        console.add_fact("verdicts", row)
         if row["section"] == CAMPAIGN:
             console.line(verdict_line(row))
-    console.tell("files", {"file": str(page)})
+    console.add_fact("files", {"file": str(page)})
     console.line(f"report: {page}")
     if as_pdf:
-        console.tell("files", {"file": str(target)})
+        console.add_fact("files", {"file": str(target)})
         console.line(f"pdf: {target}")
     return ExitCode.DONE
 

@@ -73,7 +73,7 @@ def plan_campaign(path: Path, options: PlanOptions, files: PlanFiles, console: R
     planned_tables = tables(photograph_plan)
     for ending, table in planned_tables.items():
         for row in table.to_pylist():
-            console.tell(ending.lstrip("-") or "stations", row)
+            console.add_fact(ending.lstrip("-") or "stations", row)
     written = _leave(campaign.name, photograph_plan, planned_tables, left_out, file)
     console.written(f"tables and page: {', '.join(map(str, written))}", written)
     return ExitCode.DONE

@@ -61,11 +61,11 @@ from truing.stages.diagnosis.ray_points import assemble_rays
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
 from truing.stages.diagnosis.search import (
     assembled_data,
-    decided,
     decided_of_rays,
     kinds_of,
     rule_of,
     rule_of_rays,
+    search_causes,
     searched_for,
 )
 from truing.stages.ingestion.tables import read_configurations, read_survey
@@ -293,7 +293,7 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
     """Diagnosis of a simulated campaign's tables, compared with the hidden effect."""
     try:
         data = assembled_data(tables, settings)
-        diagnosis = decided(data, settings, lambda *_: None)
+        diagnosis = search_causes(data, settings, lambda *_: None)
     except (ValueError, np.linalg.LinAlgError):  # the stage then reports that it was not evaluated
         return trial_answer(trial, ())
     table = diagnosis_table(diagnosis, DetectionAdvice(shown=data.shown), settings.diagnosis.false_alarm)
@@ -326,7 +326,7 @@ def _report(
     console.show(SIZE_HEADS, size_rows(sizes.to_pandas()))
     for name, table in (("sizes", sizes), ("rates", rates)):
         for row in table.to_pylist():
-            console.tell(name, row)
+            console.add_fact(name, row)
     if alarms := alarm_words(rates.to_pandas()):
         console.sentence(alarms)
     if photographs is not None:

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from truing import __version__
 from truing.pipeline.artifacts import Stamp, Unreadable, read_artifact, write_table
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_folder import FILE, identity_faults, open_campaign, suggested_folder
 from truing.pipeline.console import JsonConsole, RunConsole
 from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
@@ -17,7 +18,6 @@ from truing.pipeline.manifest import digest_of
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import campaign_of
 from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS
-from truing.pipeline.whole_file import write_atomically
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml, read_settings_text
@@ -46,7 +46,7 @@ def predict_file(model: Path, inputs: Path, out: Path | None, console: RunConsol
     predicted = _errors(model, text, inputs) if is_campaign else _predicted(model, text, inputs)
     if isinstance(console, JsonConsole):
         for row in predicted.to_pylist():
-            console.tell(_artifact(predicted), row)
+            console.add_fact(_artifact(predicted), row)
     elif out is None:
         sys.stdout.write(_csv(predicted).decode())
     if is_campaign:

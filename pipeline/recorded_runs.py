@@ -11,6 +11,7 @@ from pathlib import Path
 from truing import __version__
 from truing.pipeline.all_campaigns import PAGE as CAMPAIGNS_PAGE
 from truing.pipeline.artifacts import Stamp, write_table
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_folder import open_campaign, suggested_folder
 from truing.pipeline.completions import ALL_FORMS, CERTIFICATE, FORMS, ROBOT
 from truing.pipeline.console import RunConsole
@@ -18,7 +19,6 @@ from truing.pipeline.given_files import check_folder
 from truing.pipeline.manifest import DigestCache, Manifest, read_manifest
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
-from truing.pipeline.whole_file import write_atomically
 from truing.report.comparison.compared_runs import ComparedRun, RunComparison, RunTransition
 from truing.report.comparison.page import comparison_head, comparison_sections
 from truing.report.glossary_section import with_reference
@@ -122,7 +122,7 @@ def export_run(
             return ExitCode.FAILED_CHECK
         console.line(f"{form}: {_exported_files_text(target, written)}")
         for name in written:
-            console.tell("files", {"form": form, "file": str(target / name)})
+            console.add_fact("files", {"form": form, "file": str(target / name)})
         for left_out in valid_results(run).left_out if form == CERTIFICATE else ():
             console.warn(f"not certified: {left_out}")
     return ExitCode.DONE
@@ -218,10 +218,10 @@ def compare_runs(folders: Sequence[Path], out: Path | None, console: RunConsole)
     sections = with_reference(comparison_sections(shown), bench=bench)
     write_atomically(target / PAGE, render_page(head, sections).encode())
     for mark, sentence in head.verdicts:
-        console.tell("verdicts", {"mark": mark, "sentence": sentence})
+        console.add_fact("verdicts", {"mark": mark, "sentence": sentence})
         console.line(sentence)
     for row in compared_table(found).to_pylist():
-        console.tell("compared", row)
+        console.add_fact("compared", row)
     console.line(f"table and page: {target / artifact.file}, {target / PAGE}")
     return ExitCode.DONE
 

@@ -109,7 +109,7 @@ def run_campaign(campaign: CampaignFolder, folder: Path, settings: RunOptions, c
         if verdict:
             console.line(verdict_line(verdict))
         code = _exit_code(run, stages, settings, console)
-        console.tell("campaigns", _run_facts(run, stages, ran, verdict, code))
+        console.add_fact("campaigns", _run_facts(run, stages, ran, verdict, code))
         return code
 
 
@@ -213,7 +213,7 @@ def show_status(path: Path, out: Path | None, console: RunConsole, *, distrust: 
     check_owner(run)
     for stage, status in run.statuses():
         fact = {"campaign": campaign.name, "stage": stage.name, "state": str(status.state), "why": status.why}
-        console.tell("stages", fact)
+        console.add_fact("stages", fact)
         console.line(f"{stage.name:<12} {status.state:<10} {status.why}".rstrip())
     return ExitCode.DONE
 
@@ -228,7 +228,7 @@ def show_all_stages(console: RunConsole) -> ExitCode:
             only = " (only if [diagnosis] judge_on names a second campaign)" if name in OF_SECOND_CAMPAIGNS else only
             read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
             facts = {"kind": kind, "stage": name, "summary": stage.summary, "reads": read, "writes": stage.leaves}
-            console.tell("stages", facts)
+            console.add_fact("stages", facts)
             console.line(f"  {name:<12} {stage.summary}{only}")
             console.line(f"  {'':<12} reads {', '.join(read)}; writes {', '.join(stage.leaves)}")
     return ExitCode.DONE
@@ -303,7 +303,7 @@ def _run_paths(paths: Sequence[Path], plan: JobPlan, workforce: Workforce, conso
         ends = list(zip(paths, _run_at_a_time(paths, plan, workforce, console), strict=True))
     if plan.several:
         table, page = write_all_campaigns(plan.shared_folder, ends)
-        console.tell("all_campaigns", {"table": str(table), "page": str(page)})
+        console.add_fact("all_campaigns", {"table": str(table), "page": str(page)})
         console.line(f"all campaigns: {page}, {table}")
     return gravest([outcome.code for _, outcome in ends])
 

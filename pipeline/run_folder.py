@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from truing.pipeline.atomic_file import PART, part_of
 from truing.pipeline.problems import EnvironmentProblem, environment
-from truing.pipeline.whole_file import PART, part_of
 from truing.schemas.artifacts import ARTIFACTS
 
 PRIVATE = ".truing"  # manifest, digest cache and lock; deleting it loses no result

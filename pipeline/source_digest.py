@@ -26,10 +26,10 @@ _TELLING = re.compile(rf"\b{_NAME}\b|\bfrom[\s\\]*\.".encode())
 _STATEMENT = re.compile(rb"^(?=[^\s#)\]}])", re.MULTILINE)
 _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
 
-_Told = dict[tuple[str, ...], dict[str, str]]
+_DigestsByModules = dict[tuple[str, ...], dict[str, str]]
 State = tuple[tuple[str, int, int, int], ...]
 # By root: file stamps at the last look of this process, and digests computed since.
-_PROCESS_DIGESTS: dict[Path, tuple[State, _Told]] = {}
+_PROCESS_DIGESTS: dict[Path, tuple[State, _DigestsByModules]] = {}
 
 
 class SourceTree:
@@ -114,7 +114,7 @@ class SourceTree:
         return self._data[folder]
 
 
-def _cached_digests(root: Path) -> _Told:
+def _cached_digests(root: Path) -> _DigestsByModules:
     """Digests computed by this process for the present files, to be extended; empty if file times are unreliable."""
     state = tuple(sorted(entry for room in ROOMS for entry in _file_stamps(os.path.join(root, room))))
     if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:

@@ -16,6 +16,7 @@ import pandas as pd
 from truing.estimation.repeated_looks import Look, counted_looks, is_decided, next_count
 from truing.formats.source import raw_files
 from truing.pipeline.artifacts import table_of
+from truing.pipeline.atomic_file import write_atomically
 from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of, suggested_folder
 from truing.pipeline.console import Recorder, RunConsole
 from truing.pipeline.executor import processors
@@ -24,7 +25,6 @@ from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import RunOptions, run_campaign, usable_campaign
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.watch_page import WatchServer, serving
-from truing.pipeline.whole_file import write_atomically
 from truing.report.watching import Enough, Watched, requirement_look, watched
 from truing.schemas.faults import CampaignFaults, Fault
 

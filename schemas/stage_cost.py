@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class StageCost:
-    """What the last run of a stage took: time, largest memory of the main process (None where unknown), processes."""
+    """Cost of the last run of a stage: time, largest memory of the main process (None where unknown), processes."""
 
     stage: str
     seconds: float

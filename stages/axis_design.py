@@ -36,7 +36,7 @@ from truing.stages.common.axis_columns import (
     encoder_sigma,
     planned_readings,
 )
-from truing.stages.common.axis_prospects import is_held_out
+from truing.stages.common.evaluable_axis_stages import is_held_out
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.configurations.axis_targets import AxisDesign, AxisDesignTables
 from truing.stages.configurations.tables import first_number

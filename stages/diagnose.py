@@ -70,7 +70,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.stages.diagnosis.artifacts import not_evaluated, outcome, outcome_of_rays
     from truing.stages.diagnosis.ray_findings import corrected, ray_findings, with_shared_errors
     from truing.stages.diagnosis.ray_points import has_rays
-    from truing.stages.diagnosis.search import assembled_data, decided
+    from truing.stages.diagnosis.search import assembled_data, search_causes
 
     if why := reason_withheld(tables):
         return not_evaluated(why, settings)
@@ -84,7 +84,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     try:
         if rays is not None:
             data = with_shared_errors(data, tables, rays)
-        diagnosis = decided(data, settings, progress)
+        diagnosis = search_causes(data, settings, progress)
         progress(0, 1, "detectable sizes, and next measurements")
         return outcome(diagnosis, data, rays, settings)
     except np.linalg.LinAlgError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from truing.formats.shapes import MEASURED_APART
+from truing.formats.raw_tables import MEASURED_APART
 from truing.formats.source import TABLES, CampaignFiles
 from truing.schemas.faults import Fault
 from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_ENCODERS

@@ -63,7 +63,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.numbers import count_text
     from truing.stages.common.belonging import belonging_table
     from truing.stages.quality.check import FAIL, WARN, checks_installed
-    from truing.stages.quality.decisions import with_acceptances
+    from truing.stages.quality.manual_exclusions import with_acceptances
 
     tables, sample = _examined(tables, settings)
     checked = _checked(tables, settings, sample)

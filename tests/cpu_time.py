@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-_LEAST_TOLD_S = 30.0  # a run of a few files needs no table
+_LEAST_REPORTED_S = 30.0  # a run of a few files needs no table
 _LISTED = 12
 _OUTPUT = "cpu_time"
 _OUTSIDE = "start, collection and end"
@@ -80,7 +80,7 @@ class CpuTime:
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         whole = sum(self.folders.values())
-        if whole < _LEAST_TOLD_S:
+        if whole < _LEAST_REPORTED_S:
             return
         terminalreporter.write_sep("=", f"processor time: {whole / 60:.1f} min")
         _write(terminalreporter, "by folder", self.folders.most_common(), whole)

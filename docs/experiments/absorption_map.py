@@ -59,7 +59,7 @@ def effects() -> list[Effect]:
 
 
 def absorbed_by_leg(of: CalibrationProblem) -> list[Absorption]:
-    """What the report's parameters of each leg do with the closings that they are not made for."""
+    """Absorption of each omitted effect by the report's parameters, leg by leg."""
     value, slope = closings(of)
     columns = [slice(6 * leg, 6 * leg + 6) for leg in LEGS]
     return [absorb(slope[:, leg, columns[leg]] / NOISE_M, value[:, leg] / NOISE_M, SIX) for leg in LEGS]

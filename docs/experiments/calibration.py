@@ -22,7 +22,7 @@ from docs.experiments.marked_tables import renew, table
 from docs.experiments.sample_telescope import nominal
 from docs.experiments.telescope_report_data import published
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance
-from truing.calibration.calibration_question import Case
+from truing.calibration.estimation_problem import Case
 from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
 from truing.calibration.model_cases import screened
 from truing.estimation.rotation import exp_so3, log_so3
@@ -113,7 +113,7 @@ def table_of_models() -> str:
 
 
 def table_of_departures() -> str:
-    """What the other models ask of the readings beyond rigid legs."""
+    """Differences of readings between the other models and rigid legs."""
     rows = artifact("model_choice").query("estimator == 'nominal'").set_index(["model", "figure"])["value"]
     names = {
         "jacobian": "linear about the reference pose (eq. 9)",
@@ -162,7 +162,7 @@ def directions() -> NDArray:
 
 @dataclass(frozen=True)
 class Scenario:
-    """How a simulated campaign is measured: factor on the poses' noise, sigma of readings, poses that are off."""
+    """Measurement of a simulated campaign: factor on the poses' noise, sigma of readings, poses that are off."""
 
     words: str
     noise: float = 1.0

@@ -41,7 +41,7 @@ CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
 LEGS = 6
 WHERE = {Step.DRIVE: "drive", Step.STRUCTURE: "structure", Step.INSTRUMENT: "instrument"}
 _CORNERS = (-0.1, -0.1, 0.0, 0.1, -0.1, 0.0, 0.1, 0.1, 0.0, -0.1, 0.1, 0.05)
-# Causes that only stand for something once they are told what it concerns.
+# Causes that need a subject before they describe an effect.
 _MARKS = ("T1", "T2", "T3", "T4")
 EXAMPLES: dict[str, Cause] = {
     "body-deformation": BodyDeformation(

@@ -11,7 +11,7 @@ import numpy as np
 
 WIDTH, HEIGHT = 360, 270
 LEFT, RIGHT, TOP, BOTTOM = 62, 14, 34, 44
-STYLES = {  # colours told apart by colour-blind readers, and marks told apart in print
+STYLES = {  # colours that colour-blind readers can distinguish, and marks that differ in print
     "bound": ("#000000", "6 4", ""),
     "line": ("#d55e00", "", "square"),
     "least squares": ("#0072b2", "", "circle"),

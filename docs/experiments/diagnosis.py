@@ -31,10 +31,10 @@ def sample() -> CauseDiagnosis:
     """Return all that is decided on the sample campaign."""
     from tests.stages.line import run_line
     from truing.schemas.campaign import read_campaign
-    from truing.stages.diagnosis.search import assembled_data, decided
+    from truing.stages.diagnosis.search import assembled_data, search_causes
 
     settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
-    return decided(assembled_data(run_line(CAMPAIGN, "ingest", "pose")[0], settings), settings, lambda *_: None)
+    return search_causes(assembled_data(run_line(CAMPAIGN, "ingest", "pose")[0], settings), settings, lambda *_: None)
 
 
 def _left(name: str) -> list[dict[str, Any]]:

@@ -22,10 +22,9 @@ from docs.experiments.marked_tables import renew, table
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.effect_units import size_text
-from truing.report.diagnosis.load_corrections import unrecorded_loads
 from truing.report.diagnosis.prediction_errors import reading_misses, root_mean_square
-from truing.report.head import build_head
 from truing.report.numbers import plain, printed, with_uncertainty
+from truing.report.page_head import build_head
 from truing.report.tables import CHANNELS, LOADS, WHY_NOT
 
 if TYPE_CHECKING:
@@ -164,13 +163,6 @@ def matrix_table(tables: Frames) -> str:
     return table(["loads", "G_B off the truth, in its sigmas, rms", "the worst entry"], rows)
 
 
-def acted_words(tables: Frames) -> str:
-    """Return the loads that acted in addition to the recorded ones."""
-    section = unrecorded_loads(assessed_causes(tables), tables)
-    assert section is not None
-    return f"> {section.lead}"
-
-
 def parts_table() -> str:
     """Return the diagnosis of parts of the sample."""
     from tests.stages.line import run_line
@@ -212,7 +204,6 @@ def page_tables(tables: Frames) -> dict[str, Any]:
         "found": lambda: found_table(tables),
         "missed": lambda: missed_table(tables),
         "hidden": lambda: hidden_table(tables),
-        "acted": lambda: acted_words(tables),
         "calibration": lambda: calibration_table(tables),
         "matrix": lambda: matrix_table(tables),
     }

@@ -14,7 +14,7 @@ from docs.experiments.force_sensor_tolerances import SAMPLES, geometries
 from truing.simulation.bench.six_upur.assembly import CODES, closed_loop_map, comprehensive, open_chain_map
 from truing.simulation.bench.six_upur.tolerances import box_muller, first_order_covariances, rms_band
 
-# Colours told apart by colour-blind readers.
+# Colours that colour-blind readers can distinguish.
 DOTS, BAND, TRUTH = "#0072b2", "#d55e00", "#000000"
 WIDTH, HEIGHT = 300, 300
 LEFT, RIGHT, TOP, BOTTOM = 54, 10, 48, 34

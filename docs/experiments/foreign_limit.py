@@ -1,5 +1,4 @@
-"""``python -m docs.experiments.foreign_limit``: upper limit on the inputs of foreign effects that any method could
-name.
+"""``python -m docs.experiments.foreign_limit``: largest share of inputs of unmodelled effects that any method can name.
 
 Pattern, size and noise of each effect are known, without the part that the fit's unknowns absorb. Inputs are named by
 Bayes' rule with the generator's own prior. Once each effect acts alone; once next to all other effects of its campaign,
@@ -47,7 +46,7 @@ Inputs = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Moves(Foreign):
-    """The motion of one pathway of an effect, the same in every pose: a leg's drive, a joint of the base, a field, or
+    """Unit motion of one pathway of an effect, the same in every pose: a leg's drive, a joint of the base, a field, or
     lengths in a known ratio."""
 
     of: Foreign
@@ -71,7 +70,7 @@ class Moves(Foreign):
 
 
 class _Whole(ForeignField):
-    """A field that is fully there in every pose."""
+    """A field at full size in every pose."""
 
     def course(self, drho: Array, setting: Setting, seed: int) -> Array:
         return np.ones(len(drho))

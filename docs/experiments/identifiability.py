@@ -123,7 +123,7 @@ def table_of_sigmas() -> str:
 
 
 def table_of_absorption() -> str:
-    """What ignoring K does to the parameters of each leg, predicted and fitted."""
+    """Bias of the parameters of each leg by ignoring K, predicted and fitted."""
     of = problem(SIX, replace(nominal(), deformation=published().K))
     fit = recalibrate(nominal(), of.parameters, of.p[None], of.R[None], of.rho[None])
     if not fit.ok.all():

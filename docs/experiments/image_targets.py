@@ -100,7 +100,7 @@ def _marker(rng: np.random.Generator, family: str, code: int) -> np.ndarray:
 
 
 def _timed(grey: np.ndarray) -> tuple[int, int, float, float]:
-    """How many circles and markers there are, and seconds for the usual circles, and for all kinds from a JPEG."""
+    """Numbers of circles and markers, and seconds for the usual circles and for all kinds from a JPEG."""
     plan = CirclePlan(codes=tuple(map(family_of_rings, [family for family in USUAL if family in RINGS])))
     families = tuple(family for family in USUAL if family in MARKERS)
     with TemporaryDirectory() as folder:

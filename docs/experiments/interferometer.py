@@ -1,4 +1,4 @@
-"""Tables of docs/interferometer.md: signals, fringes, runs, compliance, positioning of an axis.
+"""Tables of docs/interferometer.md: signals, fringes, compliance, positioning of an axis.
 
     TRUING_REAL_DATA=FOLDER python -m docs.experiments.interferometer
 
@@ -16,10 +16,7 @@ import numpy as np
 
 from docs.experiments.interferometer_bench import (
     compliance_table,
-    curves_table,
     entries_table,
-    quality_table,
-    runs_table,
     signed,
 )
 from docs.experiments.marked_tables import renew, table
@@ -47,7 +44,7 @@ def air_table() -> str:
 
 
 def worth_table() -> str:
-    """What air does to a reading that nobody compensates, and that counts up as its path gets longer."""
+    """Error by air of an uncompensated reading that counts up as its path gets longer."""
     vapour = float(vapour_pressure_pa(20.0, 0.5))
     by_kelvin, by_pascal, by_vapour = edlen_slopes(632.99e-9, 20.0, 101325.0, vapour)
     changes = {
@@ -89,7 +86,7 @@ def signals_table(folder: Path) -> str:
 
 
 def arcs_table() -> str:
-    """How much of the ellipse the signals have to trace."""
+    """Accuracy of the correction by the arc of the ellipse that the signals trace."""
     rows = []
     for degrees in (360.0, 180.0, 150.0, 120.0, 105.0, 90.0, 60.0):
         rng = np.random.default_rng(round(degrees))
@@ -113,7 +110,7 @@ def signals_at(phase: np.ndarray) -> np.ndarray:
 
 
 def counting_table() -> str:
-    """How often a step between samples is counted a turn wrong, and how often that is foreseen."""
+    """Rate of steps between samples that are counted a turn wrong, and of those called doubtful."""
     rows, steps = [], 100000
     for turns, sigma in ((0.2, 0.3), (0.35, 0.3), (0.4, 0.3), (0.45, 0.1), (0.45, 0.02)):
         rng = np.random.default_rng(round(1000 * turns))
@@ -146,11 +143,8 @@ MADE: dict[str, Callable[[], str]] = {
     "worth": worth_table,
     "arcs": arcs_table,
     "counting": counting_table,
-    "runs": runs_table,
     "compliance": compliance_table,
     "entries": entries_table,
-    "curves": curves_table,
-    "quality": quality_table,
 }
 MEASURED: dict[str, Callable[[Path], str]] = {"signals": signals_table, "positioning": positioning_table}
 

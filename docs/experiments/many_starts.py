@@ -32,7 +32,7 @@ KAPPA = 0.011
 
 @dataclass(frozen=True)
 class Campaign:
-    """The telescope as drawn, how its platform really deforms, and what was seen of it."""
+    """Nominal telescope, true deformation K, and measured poses (N, 3), (N, 3, 3) and readings (N, 6), m."""
 
     nominal: Machine
     K: NDArray
@@ -60,7 +60,7 @@ def sample_campaign() -> Campaign:
 
 
 def cases(campaign: Campaign) -> dict[str, tuple[Machine, ParameterSet]]:
-    """Return machines and what is identified of them, by what the table calls them."""
+    """Return machine and identified parameters by the name of the row in the table."""
     legs, none = campaign.nominal.legs, report_set(campaign.nominal, "none")
     both = ParameterSet((*none.entries, *(LegParameter("u_y", leg, "1", 1.0) for leg in range(legs.count))))
     linear, matrix = Machine(legs, KAPPA * np.eye(legs.count)), Machine(legs, campaign.K)

@@ -33,7 +33,7 @@ LEG, GAIN = 3, 0.02
 
 @dataclass(frozen=True)
 class Case:
-    """What is done to the machine between its campaigns, and the numbers of which one has to be named."""
+    """Change of the machine between its campaigns, and the numbers of which one has to be named."""
 
     name: str
     expected: frozenset[str]
@@ -64,11 +64,11 @@ class Pair:
         return [{f"{row['parameter']}{row['leg'] or ''}", *(row["instead"] or "").split()} for row in changed]
 
     def names(self, case: Case) -> bool:
-        """Whether the true change of the machine is reported."""
+        """True if the true change of the machine is reported."""
         return any(one & case.expected for one in self.named) if case.expected else not self.named
 
     def errs(self, case: Case) -> bool:
-        """Whether a false change is reported."""
+        """True if a false change is reported."""
         return any(not one & case.expected for one in self.named)
 
 

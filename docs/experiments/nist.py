@@ -45,7 +45,7 @@ class Problem:
 
     @property
     def rounding(self) -> float:
-        """Relative size of what double precision does to the residuals at the certified answer."""
+        """Relative rounding error of the residuals at the certified answer."""
         return float(np.finfo(float).eps * np.linalg.norm(self.y) / np.sqrt(self.cost))
 
 

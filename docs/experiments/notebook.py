@@ -53,7 +53,7 @@ def outputs(document: Document, folder: Path, picture: Picture) -> Iterator[list
 
 
 def _executed(source: str, names: Document, picture: Picture) -> list[Document]:
-    """What a cell prints, and the value of its last line where that is an expression."""
+    """Output of a cell, and the value of its last line where that is an expression."""
     tree, said, value = ast.parse(source), io.StringIO(), None
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     with contextlib.redirect_stdout(said):

@@ -2,7 +2,7 @@
 
 truing run sample_data/telescope && python -m docs.experiments.report_picture runs/telescope/report.html
 
-What the picture shows is written next to it, so that a test tells when the page says something else.
+What the picture shows is written next to it, so that a test fails when the page says something else.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _ARRANGED = """
 
 
 def shown_facts(run: Run) -> dict[str, Any]:
-    """What the picture shows of a run: the verdict, the words of both figures and their traces, and the style sheet."""
+    """Content of the picture of a run: the verdict, the words of both figures and their traces, and the style sheet."""
     figures = run.figures
     return {
         "verdict": list(run.verdicts[0]),

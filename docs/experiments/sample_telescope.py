@@ -39,7 +39,7 @@ def nominal() -> Machine:
 
 @cache
 def tolerances() -> dict[str, float]:
-    """What the drawing leaves of a, b, l (m), u, by the first letter; of kappa what the published K scatters by."""
+    """Tolerances of a, b, l (m) and u by their first letter; of kappa the scatter of the published K."""
     given = tomllib.loads(CAMPAIGN.read_text(encoding="utf-8"))["mechanism"]["tolerance"]
     length = 1e-3 * given["length_mm"]
     return {"a": 1e-3 * given["a_mm"], "b": 1e-3 * given["b_mm"], "l": length, "r": length, "u": given["u"], "k": 0.01}
@@ -84,6 +84,6 @@ def scales(names: tuple[str, ...], wide: float = 1.0) -> NDArray:
 
 
 def leg_observability(names: tuple[str, ...], leg: int, wide: float = 1.0) -> Observability:
-    """What is seen of a leg."""
+    """Measured values of a leg."""
     labels = [LegParameter(name, leg, "", 1.0).label for name in names]
     return observe(leg_jacobian(names, leg), scales(names, wide), labels)

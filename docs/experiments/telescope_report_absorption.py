@@ -21,7 +21,7 @@ KNOWS = {"5a": "none", "6a": "linear"}
 
 @dataclass(frozen=True)
 class Calibration:
-    """A fit of the report's kind: what it found, and what it left (N, M), m."""
+    """Least-squares fit of the report's kind, with residuals (N, M), m."""
 
     parameters: ParameterSet
     nominal: NDArray  # (P,) SI
@@ -75,7 +75,7 @@ def simulated(truth: Machine, table: str) -> Calibration:
 
 @dataclass(frozen=True)
 class LegFits:
-    """First-order fits leg by leg, any batch (...): legs of a 6-pus are fitted apart from each other."""
+    """First-order fits leg by leg, any batch (...): each leg of a 6-pus is fitted alone."""
 
     jacobian: NDArray  # (..., 6, N, 6) closing of leg i by its own six parameters, tables' order, SI
     effect: NDArray  # (..., 6, N) what the fit does not know, m

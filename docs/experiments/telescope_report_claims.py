@@ -93,7 +93,7 @@ def reach_of_axis(axis: int) -> float:
 
 @dataclass(frozen=True)
 class Excursion:
-    """How far a set of configurations takes the platform and its joints: m, rad; and how many lie in the workspace."""
+    """Range of platform and joints over a set of configurations, m and rad, and the number within the workspace."""
 
     position: NDArray  # (3,)
     angle: NDArray  # (3,) rotation vector

@@ -16,7 +16,7 @@ from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_remainder import ROWS, TOGETHER, Ignorance, explain, remainder
 from truing.simulation.mechanisms.structures.beam_model import flexure_path
 
-# Colours told apart by colour-blind readers; marks told apart in print.
+# Colours that colour-blind readers can distinguish; marks that differ in print.
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#999999"
 UNITS = {"u_x": "", "kappa": "1e-3", "a_x": "mm", "a_y": "mm", "b_x": "mm", "b_y": "mm", "l": "mm"}
 SIGNS = {"u_x": "u_x", "kappa": "Δκ", "a_x": "Δa_x", "a_y": "Δa_y", "b_x": "Δb_x", "b_y": "Δb_y", "l": "Δl"}
@@ -61,7 +61,7 @@ PANEL_W, PANEL_H = SIDE + LEFT + 12, SIDE + TOP + 44
 
 
 def draw_absorption(path: Path) -> None:
-    """Draw every parameter of Tables 5a and 6a: what K makes of it, against what was identified on the machine."""
+    """Draw every parameter of Tables 5a and 6a: predicted by K against identified on the machine."""
     parts, width, block = [], 3 * PANEL_W + 8, 2 * PANEL_H + 34
     for r, table in enumerate(TITLES):
         top = 26 + r * block
@@ -115,7 +115,7 @@ def _scatter(name: str, full: NDArray, first: NDArray, is_observed: NDArray) -> 
 
 @dataclass(frozen=True)
 class _View:
-    """Top view: where millimetres of the base's x y come to lie."""
+    """Top view: from x, y of the base in mm to the drawing."""
 
     x: float
     y: float

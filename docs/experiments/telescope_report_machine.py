@@ -22,7 +22,7 @@ _WITH_LAST = np.array([[-0.5, 0.5, 0.5, 1.5, 1.5, -0.5], [1, -1, 1, -1, 1, -1]])
 
 @dataclass(frozen=True)
 class Pattern:
-    """How the legs are numbered round the rings, where the report shows it in a figure only.
+    """Numbering of the legs round the rings, where the report shows it in a figure only.
 
     platform: legs 1 and 2 are neighbours on the platform (else on the base); turning: +1 where leg numbers rise
     counterclockwise; towards: direction (rad) from the centre to the middle of legs 1 and 2.

@@ -37,7 +37,7 @@ def remainder(table: str = "7a") -> NDArray:
 
 @dataclass(frozen=True)
 class Ignorance:
-    """What makes Table 7 scatter where no cause is at work, one sigma each."""
+    """Sources of scatter of Table 7 without any cause, one sigma each."""
 
     tolerance_mm: float  # of a, b and l
     residual_mm: float = 0.005  # what the report's fits leave, its section 3.3

@@ -301,7 +301,7 @@ def reference_reading() -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Reading:
-    """How well Tables 6a and 7a agree about kappa where Table 7 is read as counted from a nominal value."""
+    """Agreement of Tables 6a and 7a about kappa if Table 7 is counted from a nominal value."""
 
     observed: NDArray  # (6,) 1e-3, kappa of 6a less kappa of 7a
     predicted: NDArray

@@ -103,10 +103,10 @@ def _watched(folder: Path, run: Path) -> dict[str, Any]:
     return reported
 
 
-def _decision(told: dict[str, Any]) -> str:
+def _decision(stated: dict[str, Any]) -> str:
     """The reason code of the verdict on requirements, or why there is none."""
-    own = [row["reason_code"] for row in told["verdicts"] if row["section"] == "requirements"]
-    return str(own[0]) if own and told["enough"] != "not judged" else str(told["enough"])
+    own = [row["reason_code"] for row in stated["verdicts"] if row["section"] == "requirements"]
+    return str(own[0]) if own and stated["enough"] != "not judged" else str(stated["enough"])
 
 
 def rows(replays: Sequence[Replay], folder: Path) -> Iterator[tuple[str, ...]]:

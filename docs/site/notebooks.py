@@ -33,7 +33,7 @@ def _parts(cell: dict[str, Any]) -> Iterator[str]:
 
 
 def _left(output: dict[str, Any]) -> str:
-    """What one output shows: a picture before a table before text."""
+    """Content of one output: a picture before a table before text."""
     if output["output_type"] == "stream":
         return _fenced("text", "".join(output["text"]))
     data = {kind: "".join(shown) for kind, shown in output["data"].items()}

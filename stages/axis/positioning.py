@@ -14,7 +14,7 @@ from truing.estimation.interferometry.iso230 import positioning, positioning_unc
 from truing.report.numbers import count_text
 from truing.simulation.axis.rows import ENCODERS, AxisRows
 from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, excluded_rows, targets_of
-from truing.stages.common.axis_prospects import FEW_TARGETS, why_no_positioning
+from truing.stages.common.evaluable_axis_stages import FEW_TARGETS, why_no_positioning
 from truing.stages.common.positioning import SEED
 from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome

@@ -14,7 +14,7 @@ from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network import NetworkState
 from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions
 from truing.estimation.bundle.start_values import scale_ratio
-from truing.estimation.bundle.variance_components import POOLED, VarianceComponents
+from truing.estimation.bundle.variance_components import POOLED_GROUPS, VarianceComponents
 from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.photograph_artifacts import BENT, FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA, SHARED
@@ -66,8 +66,8 @@ def _components(adjusted: AdjustedNetwork, components: VarianceComponents) -> li
     cameras, kinds = adjusted.named.network.cameras, adjusted.named.kinds
     rows: list[Figure] = []
     for g, factor in enumerate(components.factor):
-        camera = "several cameras" if components.camera[g] == POOLED else cameras[components.camera[g]].name
-        kind = "several kinds" if components.kind[g] == POOLED else kinds[components.kind[g]]
+        camera = "several cameras" if components.camera[g] == POOLED_GROUPS else cameras[components.camera[g]].name
+        kind = "several kinds" if components.kind[g] == POOLED_GROUPS else kinds[components.kind[g]]
         subject = f"{camera} {kind}"
         relative = components.sigma[g] / (2 * factor) if factor > 0 else np.inf
         rows.append(("noise over stated", subject, float(np.sqrt(factor)), "1"))

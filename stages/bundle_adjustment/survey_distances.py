@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import COORDINATE_SIGMAS, TARGETS
 from truing.formats.row_collection import collect_rows
-from truing.formats.shapes import COORDINATE_SIGMAS, TARGETS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY

@@ -25,8 +25,8 @@ from truing.calibration.accuracy import (
 )
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, under_load
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
-from truing.calibration.flexure_knowledge import DesignParameter
-from truing.calibration.knowledge import absorbed, observe_legs, observe_model
+from truing.calibration.flexure_observability import DesignParameter
+from truing.calibration.parameter_information import absorbed, observe_legs, observe_model
 from truing.estimation.design.observability import Observability, choose_identifiable, indices, inseparable
 from truing.estimation.held_out import ContenderChoice
 from truing.estimation.interval import Interval

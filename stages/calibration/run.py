@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from truing.belonging.relation import RelationState
 from truing.calibration.accuracy import AssessedCalibration, Extended, choice, doubts, shortcoming
 from truing.calibration.calibration_input import CalibrationData
-from truing.calibration.calibration_question import Case, cases
+from truing.calibration.estimation_problem import Case, cases
 from truing.calibration.fits import MachineCalibration
-from truing.calibration.flexure_knowledge import flexure_knowledge
+from truing.calibration.flexure_observability import flexure_design_parameters
 from truing.calibration.model_cases import (
     LEAST_LEGS,
     OFF,
@@ -204,7 +204,7 @@ def _rows_of_calibrations(
         "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
         "correlations": correlation_rows(both.likely),
         "observability": observability_rows(data, used, best),
-        "flexure_parameters": flexure_rows(flexure_knowledge(data, used.subset(clean.kept))),
+        "flexure_parameters": flexure_rows(flexure_design_parameters(data, used.subset(clean.kept))),
         "absorption": absorption_rows(data, used, (*both.likely, *both.implicit)),
         "calibration_left_out": _left_out_rows(clean),
     }

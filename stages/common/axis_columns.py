@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 APPROACH = "approach"  # column of the recorded direction of approach
 NUMBERED = ("pose", "role", "time_s", "event", "repeat_of", APPROACH)
 SI = {"deg": np.pi / 180.0, "mm": 1e-3}
-TOLD = {"deg": ("arcsec", np.pi / 180.0 / 3600.0), "mm": ("um", 1e-6)}
+REPORTED_UNITS = {"deg": ("arcsec", np.pi / 180.0 / 3600.0), "mm": ("um", 1e-6)}
 """Unit of reported errors by the unit of the axis, and its value in SI."""
 _TURN = 2.0 * np.pi
 _COUNTS = "_counts"
@@ -72,7 +72,7 @@ class AxisColumns:
     @property
     def reported_unit(self) -> tuple[str, float]:
         """Return the unit of reported errors, and its value in SI."""
-        return TOLD[self.unit]
+        return REPORTED_UNITS[self.unit]
 
     def si(self, table: pa.Table, column: str) -> Array:
         """Return a column (N,) in rad or m, NaN if empty."""

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 from truing.simulation.mechanisms.weight import Weight, weight_wrench
 from truing.stages.common.point_arrays import number_column
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import SensorMechanism
 
-_MM = 1e-3
-
 
 def nominal_sensor(section: SensorMechanism, compliance_table: pa.Table | None = None) -> NominalSensor:
     """Sensor of [mechanism], with the compliance of compliance_file if given.

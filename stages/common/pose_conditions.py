@@ -59,7 +59,7 @@ def pose_conditions(
         covariates[LAST_STEP] = fading_sum(readings, time, 0.0)
         covariates[MEMORY] = fading_sum(readings, time, _KEPT)
         covariates |= dict(zip(STOPPED, np.moveaxis(histories(readings, covariates[ORDER]), -1, 0), strict=True))
-    if time is not None and is_row_number(configurations):
+    if time is not None and counts_rows(configurations):
         del covariates["time_s"]  # numbers of rows, and no seconds
     elif time is not None:
         moving = rates(readings, time)
@@ -69,7 +69,7 @@ def pose_conditions(
     return Conditions(readings, covariates, poses, _span(covariates.get("time_s")))
 
 
-def is_row_number(configurations: pa.Table) -> bool:
+def counts_rows(configurations: pa.Table) -> bool:
     """True if times of configurations are the numbers of their rows, as where a campaign gives none."""
     times = number_column(configurations, "time_s")
     return np.array_equal(times, np.arange(float(len(times))))

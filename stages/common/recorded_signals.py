@@ -15,7 +15,7 @@ from truing.estimation.interferometry.shared_inputs import SharedInput
 from truing.estimation.sensor.load_table import GrossSignal, KeptSignal, RecordedLoads, zeros_of_runs
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, with_corrected_loads
 from truing.stages.common.applied_findings import applied_findings
-from truing.stages.common.overruled import decided, without_excluded
+from truing.stages.common.manual_decisions import manual_decisions, without_excluded
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _recorded(
     declared = settings.noise.signal_mv
     declared_range = np.full(signal.shape, np.nan if declared is None else declared)
     curves = run_curves(steps.load, steps.time_s, steps.run, signal, declared_range)
-    by_person = decided(steps, settings.keep, "kept").signals
+    by_person = manual_decisions(steps, settings.keep, "kept").signals
     is_rejected = curves.rejected & ~by_person
     is_accepted = np.asarray(~is_rejected.any(axis=1))
     sigma = np.full(signal.shape[1], declared) if declared is not None else np.nanmedian(curves.sigma, axis=0)

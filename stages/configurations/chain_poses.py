@@ -18,7 +18,7 @@ from truing.stages.configurations.chosen import DesignOptions
 from truing.stages.configurations.order_sentences import order_sentences, percent_of
 
 # Two causes look alike if an effect of plausible size differs by fewer sigma from the best effect of the other.
-APART = 5.0
+SEPARATION_SIGMAS = 5.0
 _LISTED = 5  # combinations and pairs of causes in words; the tables hold all
 _KINDS = {
     UnknownKind.OFFSET: "zeros of joints",
@@ -48,8 +48,8 @@ class ChainDesignTables:
 
 @dataclass(frozen=True)
 class ShownByPoses:
-    """What some poses show: the table of unknowns, that of causes, and hidden combinations with the readings (T, n) of
-    poses that would show them."""
+    """Information of some poses: the table of unknowns, that of causes, and hidden combinations with the readings (T,
+    n) of poses that would show them."""
 
     count: int
     numbers: pa.Table

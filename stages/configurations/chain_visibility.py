@@ -1,4 +1,4 @@
-"""What poses of a chain show: its unknowns, each cause, and combinations that they hide, as tables."""
+"""Information of a chain's poses on its unknowns and on each cause, with hidden combinations, as tables."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from truing.calibration.chain_design import (
 from truing.simulation.mechanisms.chains.causes import ChainCause
 from truing.simulation.mechanisms.chains.harmonics import JointHarmonic, JointPitchError
 from truing.stages.common.chain_candidates import JointRanges
-from truing.stages.configurations.chain_poses import APART, ShownByPoses
+from truing.stages.configurations.chain_poses import SEPARATION_SIGMAS, ShownByPoses
 
 # The data determine a number if they reduce its prior standard deviation to less than this share (as in the diagnosis).
 _DETERMINED = 0.7
@@ -65,7 +65,7 @@ def _cause_table(poses: PlannedPoses, probes: PlannedPoses, causes: Sequence[Cha
     sights = cause_sights(poses, causes)
     separability = remaining_parts(sights)
     nearest = separability.argmin(1) if len(sights) > 1 else np.zeros(len(sights), int)
-    alike = [k for k in range(len(sights)) if sights[k].signal >= APART > separability[k, nearest[k]]]
+    alike = [k for k in range(len(sights)) if sights[k].signal >= SEPARATION_SIGMAS > separability[k, nearest[k]]]
     scale = np.sqrt(len(poses.conditions.readings) / len(probes.conditions.readings))
     remedies = _remedies(probes, [(causes[k], causes[nearest[k]]) for k in alike], float(scale))
     remedy = dict(zip(alike, remedies, strict=True))
@@ -118,8 +118,8 @@ def _order_of(cause: ChainCause) -> float | None:
 
 
 def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause]], scale: float) -> list[Remedy]:
-    """What separates the effects of two causes: as many poses anywhere within the ranges, these with two payloads, or
-    neither. ``scale``: root of the number of poses per probe."""
+    """Poses that separate the effects of two causes: as many poses anywhere within the ranges, these with two payloads,
+    or neither. ``scale``: root of the number of poses per probe."""
     if not pairs:
         return []
     causes = list({cause.key: cause for pair in pairs for cause in pair}.values())
@@ -137,7 +137,7 @@ def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause
             (
                 remedy
                 for remedy, separability in sights_by_remedy
-                if separability[index_of[a.key], index_of[b.key]] >= APART
+                if separability[index_of[a.key], index_of[b.key]] >= SEPARATION_SIGMAS
             ),
             Remedy.NOTHING,
         )

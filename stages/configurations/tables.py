@@ -14,7 +14,7 @@ from truing.stages.common.point_arrays import number_columns
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.configurations.chosen import DesignOptions
 
-RUN = 10  # loads between two readings without load, to determine zero and drift of every run
+STEPS_PER_RUN = 10  # loads between two readings without load, to determine zero and drift of every run
 
 
 def readings_of(table: pa.Table, legs: int, file: str) -> NDArray:
@@ -75,8 +75,8 @@ def loads_table(loads: NDArray, check: NDArray) -> pa.Table:
     none = np.zeros((1, loads.shape[1]))
     parts, roles = [], []
     for role, values in (("calibration", loads), ("verification", check)):
-        for first in range(0, len(values), RUN):
-            parts.append(np.concatenate([none, values[first : first + RUN], none]))
+        for first in range(0, len(values), STEPS_PER_RUN):
+            parts.append(np.concatenate([none, values[first : first + STEPS_PER_RUN], none]))
             roles += [role] * len(parts[-1])
     columns: dict[str, object] = {
         "run": pa.array(np.repeat(np.arange(len(parts)) + 1, [len(part) for part in parts]), pa.int64()),

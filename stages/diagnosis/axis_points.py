@@ -21,16 +21,16 @@ from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import ENCODERS, MEASURED
 from truing.stages.common.approaches import gross_approaches
 from truing.stages.common.axis_columns import (
+    REPORTED_UNITS,
     SI,
-    TOLD,
     AxisColumns,
     columns_of,
     command_sigma,
     encoder_sigma,
     excluded_rows,
 )
-from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
 from truing.stages.common.blocks import groupings_of, labels_of, selected_groupings
+from truing.stages.common.evaluable_axis_stages import is_held_out, why_no_diagnosis
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.residual_tables import errors_by_role, identified_table
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 Mask = NDArray[np.bool_]
 
-# Rows of a recording that are compared, evenly spread over it: more of them take long and tell little more.
+# Rows of a recording that are compared, evenly spread over it: more rows take long and add little information.
 _MOST_ROWS = 1500
 # Prior of an encoder's zero, as a multiple of the distance of its readings from the commands.
 _WIDE = 1e3
@@ -171,8 +171,8 @@ def _required(errors: pa.Table, section: AxisMechanism, settings: Campaign) -> p
             "pose": row["pose"],
             "role": row["role"],
             "component": "axis",
-            "missed": row["missed_after"] * TOLD[unit][1] / SI[unit],
-            "missed_before": row["missed_before"] * TOLD[unit][1] / SI[unit],
+            "missed": row["missed_after"] * REPORTED_UNITS[unit][1] / SI[unit],
+            "missed_before": row["missed_before"] * REPORTED_UNITS[unit][1] / SI[unit],
             "sigma": sigma,
             "unit": unit,
         }

@@ -23,10 +23,10 @@ from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, foreign_misfit, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.distances import DistanceModel
+from truing.simulation.mechanisms.chains.joint_zeros import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.measured_lines import fitted_places, lines_at, with_ground
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm, motor_terms
-from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import TWIST, JointKind, Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M

@@ -13,7 +13,6 @@ from truing.estimation.rotation import skew
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.model import ChainModel
-from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 from truing.stages.diagnosis.residual_tables import errors_by_role
 
 if TYPE_CHECKING:
@@ -81,7 +80,7 @@ def _motions(error: PredictionError, declared: Observations) -> tuple[Array, Arr
     assert isinstance(model, ChainModel)
     if isinstance(model, DistanceModel) and not len(model.coordinates):
         return None
-    channels, tip = _channels(error, model, declared), _carrier(model.tree, model.known.payload[0])
+    channels, tip = _channels(error, model, declared), model.tree.moving_node(model.known.payload[0])
     of_tip = np.array(channels.node == tip, bool)
     if not of_tip.any():
         return None
@@ -117,7 +116,7 @@ def _channels(error: PredictionError, model: ChainModel, declared: Observations)
         gap[:, :-1] += np.einsum("bkij,bkj->bki", part, gap[:, 1:])
         cov[:, :-1] += part @ cov[:, 1:] @ np.swapaxes(part, -1, -2)
     to_base = np.swapaxes(to_frame @ model.known.base_R[conditions.series], -1, -2)[:, None]
-    movers = np.array([_carrier(model.tree, int(k)) for k in channels.node[some]])
+    movers = np.array([model.tree.moving_node(int(k)) for k in channels.node[some]])
     places = (to_base @ (values - origin[:, None])[..., None])[..., 0]
     return _Channels(
         (to_base @ gap[..., None])[..., 0],
@@ -127,13 +126,6 @@ def _channels(error: PredictionError, model: ChainModel, declared: Observations)
         channels.is_rotation[some],
         movers,
     )
-
-
-def _carrier(tree: Tree, node: int) -> int:
-    """The nearest node from here down that moves; 0 for links of the base."""
-    while tree.nodes[node].kind is JointKind.FIXED and tree.nodes[node].parent >= 0:
-        node = tree.nodes[node].parent
-    return node
 
 
 def _motion(channels: _Channels, centre: Array) -> tuple[Array, Array]:

@@ -36,7 +36,7 @@ _CORNERS, _BETWEEN = 36, 48
 _FINEST_M = 1e-6  # proposed readings are rounded to a micrometre, or to the repeatability of the actuators
 _TINY = 1e-6  # of a step: tolerance for limits on a step
 _SAME = 5.0  # readings within so many of these steps are the same
-_TOLD_DIGITS = 4  # of a set value of the surroundings
+_SHOWN_DIGITS = 4  # of a set value of the surroundings
 # Temperatures this far from those measured are no trouble to set up, K.
 _WARMER_K = 5.0
 # Number of proposed attitudes of a body besides the usual one.
@@ -240,7 +240,7 @@ def _levels(name: str, value: NDArray, step: float) -> list[Level]:
     if name == TEMPERATURE:
         ends = [round(min(low, middle - _WARMER_K)), round(max(high, middle + _WARMER_K))]
         return [Level(middle), *(Level(float(end), f"at {end} °C") for end in ends)]
-    texts = [f"{end:.{_TOLD_DIGITS}g}" for end in (low, high) if end != middle]
+    texts = [f"{end:.{_SHOWN_DIGITS}g}" for end in (low, high) if end != middle]
     return [Level(middle), *(Level(float(end), f"at {own_name(name)} = {end}") for end in texts)]
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.simulation.effects_model import EffectsModel
 
-# Poses that must tell of their rays before they can be held against each other.
+# Least number of poses with information from rays that are compared.
 _FEWEST_POSES = 3
 _SI = 1e-3
 _EXACT_MM = 1e-6  # bars without any uncertainty count alike

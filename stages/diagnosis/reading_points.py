@@ -36,8 +36,8 @@ from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.inputs import between_neighbours
 from truing.stages.common.blocks import groupings_of
 from truing.stages.common.declared_optics import declared_optics
+from truing.stages.common.manual_decisions import excluded_words, manual_decisions, without_excluded
 from truing.stages.common.nominal_sensor import nominal_sensor
-from truing.stages.common.overruled import decided, excluded_words, without_excluded
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.next_measurement import next_loads_of
@@ -79,7 +79,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     sigma, words = _noise(steps, settings, exchanged)
     words += [text for text in (excluded_words(out),) if text]
     points, is_observed = _points(steps, sigma)
-    protected = decided(steps, settings.keep, "kept").chosen
+    protected = manual_decisions(steps, settings.keep, "kept").chosen
     # the load of an excluded step was still applied
     determined = (is_observed | out.chosen).any(1) & np.isfinite(steps.time_s)
     fitted, held_out = determined & ~steps.held_out, determined & steps.held_out

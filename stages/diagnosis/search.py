@@ -117,7 +117,7 @@ def rule_with_rays(rule: Settings) -> Settings:
     return replace(rule, false_alarm=(1.0 - SHARE_OF_RAYS) * rule.false_alarm)
 
 
-def decided(data: DiagnosisData, settings: Campaign, progress: Progress) -> CauseDiagnosis:
+def search_causes(data: DiagnosisData, settings: Campaign, progress: Progress) -> CauseDiagnosis:
     """Decisions of the search over the catalogue."""
     rule = rule_of(settings)
     photographed = isinstance(data.model, RecordedModel) and data.model.photographed is not None

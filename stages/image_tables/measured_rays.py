@@ -11,8 +11,8 @@ import pyarrow as pa
 
 from truing.arrays import Array, TableRow
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import IMAGE_POINTS
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import IMAGE_POINTS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault

@@ -16,8 +16,8 @@ from truing.estimation.covariance import in_inner_constraints
 from truing.formats.dictionaries import strings
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.read import FileRows
-from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.source import RawFile
 from truing.report.numbers import count_text
 from truing.schemas.faults import Fault

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import COORDINATES, POINTS, POSES
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import COORDINATES, POINTS, POSES
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import numbers, texts

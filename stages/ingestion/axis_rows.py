@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import RawTable
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count_text
 from truing.schemas.faults import Fault
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import AxisMechanism
 
-ROWS = TableShape(
+ROWS = RawTable(
     "configurations",
     ("pose",),
     ("role", "time_s", "temperature_c", "repeat_of", "event", "approach"),

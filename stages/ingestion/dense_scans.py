@@ -15,8 +15,8 @@ from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_sca
 from truing.formats.dictionaries import codes
 from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import SCANS, SURFACES
 from truing.formats.read import read_table
-from truing.formats.shapes import SCANS, SURFACES
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS

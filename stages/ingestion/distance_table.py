@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import COORDINATES, DISTANCES, TARGETS, RawTable
 from truing.formats.row_collection import collect_rows
-from truing.formats.shapes import COORDINATES, DISTANCES, TARGETS, TableShape
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.near_names import meant_by
@@ -19,7 +19,7 @@ from truing.stages.common.table_arrays import numbers, sigmas, texts
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-_NAMES = TableShape(
+_NAMES = RawTable(
     "targets", ("body", "target"), (*TARGETS.optional, *COORDINATES), may_be_empty=COORDINATES, partial=True
 )
 

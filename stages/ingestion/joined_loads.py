@@ -6,8 +6,8 @@ import numpy as np
 import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import LOADS_APART, WRENCH
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import LOADS_APART, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count_text, quantity
 from truing.schemas.faults import Fault

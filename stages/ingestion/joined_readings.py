@@ -6,8 +6,8 @@ import numpy as np
 
 from truing.arrays import Index
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import MEASURED_APART
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import MEASURED_APART
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count_text, quantity
 from truing.schemas.faults import Fault

@@ -13,8 +13,8 @@ import pyarrow as pa
 from truing.arrays import Array, Mask, TableRow
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import COORDINATE_SIGMAS, COORDINATES, RESURVEYS
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES, RESURVEYS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault

@@ -12,8 +12,8 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index, Mask
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import TRANSIT, WRENCH
 from truing.formats.row_collection import CollectedRows
-from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import (
     check_unique_keys,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from truing.schemas.sections import Loading
 
 AXES = tuple(name[:2] for name in WRENCH)
-KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
+UNITS_BY_AXIS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
 _FURTHEST_TEST = 2.5  # of a range; above this, a wrong unit is more likely than an overload test
 _ROUNDED = 1e-9  # a load at its range is in it
 EMPTY_LOAD = "a load in every row; an empty cell has to be declared by missing"
@@ -62,7 +62,7 @@ def six_loads(collected: CollectedRows, loading: Loading, log: FaultLog) -> Arra
     if one:
         axis, load = (
             texts(collected, "load_axis"),
-            numbers(collected, "load") * unit_factors(collected, "load", "load_axis", KINDS, log),
+            numbers(collected, "load") * unit_factors(collected, "load", "load_axis", UNITS_BY_AXIS, log),
         )
         collected.fault(log, np.isnan(load), "load", EMPTY_LOAD)
         loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
@@ -81,7 +81,7 @@ def _check_range(collected: CollectedRows, loads: Array, column: str | None, loa
         limit = loading.allowed(name)
         if limit is not None:
             beyond = np.abs(loads[:, k]) > limit * (1.0 + _ROUNDED)
-            expected = f"at most {limit:g} {KINDS[AXES[k]]} of {AXES[k]} either way, by [loading]"
+            expected = f"at most {limit:g} {UNITS_BY_AXIS[AXES[k]]} of {AXES[k]} either way, by [loading]"
             cure = _cure(np.abs(loads[beyond, k]).max(initial=0.0) / getattr(loading, name))
             collected.fault(log, beyond, column or name, expected + cure)
 

@@ -13,8 +13,8 @@ from truing.arrays import Array, TableRow
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.formats.faultlog import FaultLog
 from truing.formats.file_search import words_on_unread_files
+from truing.formats.raw_tables import POSITIONING, WRENCH
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles, RawFile
 from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import DISPLACEMENT, MOTION, PLANNED, SIGNALS
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import DISPLACEMENT, MOTION, PLANNED, SIGNALS
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
 from truing.schemas.interferometer import Material

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
 from truing.formats.evaluation import TableBatch, coordinates
-from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
+from truing.formats.faultlog import MOST_LISTED, CellFaults, FaultLog
 from truing.formats.point_index import PointIndex
+from truing.formats.raw_tables import COORDINATE_SIGMAS, POINTS
 from truing.formats.read import FileRows, prefetched, read_table
-from truing.formats.shapes import COORDINATE_SIGMAS, POINTS
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
@@ -25,7 +25,13 @@ from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import did_you_mean, meant_by
 from truing.stages.ingestion.relabelling import Relabelling
-from truing.stages.ingestion.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
+from truing.stages.ingestion.unlabelled_points import (
+    MOST_UNLABELLED,
+    Unlabelled,
+    rows_of,
+    surveyed_bodies,
+    without_target,
+)
 
 if TYPE_CHECKING:
     from truing.stages.declaration import Progress
@@ -247,7 +253,8 @@ class Points:
                 yield self._checked_batch(raw, batch)
         self.left_out.update(self.unlabelled.left_out)
         for pose, count in self.unlabelled.too_many.items():
-            text = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
+            text = f"at most {MOST_UNLABELLED} points without names in a pose; "
+            text += "a surface scanned densely is the table scans"
             self.log.add(Fault(file, text, value=f"{count} in pose {pose}"))
         # in photographs, screws and holes are circles as well: next to targets with names they are only left out
         bodies_by_codes = self._with_own_names if self.source.has_photographs else set()
@@ -340,11 +347,11 @@ class Points:
 
     def _check_duplicates(self) -> None:
         for rows in self._ledger.duplicates():
-            for shown, row in enumerate(rows.tolist()[:SHOWN]):
+            for shown, row in enumerate(rows.tolist()[:MOST_LISTED]):
                 file, record = self._ledger.origin(row)
                 pose, body, target = self._ledger.name_of(row)
                 value = f"pose {pose}, {body}, {target}"
-                count = len(rows) - SHOWN + 1 if shown == SHOWN - 1 else 1
+                count = len(rows) - MOST_LISTED + 1 if shown == MOST_LISTED - 1 else 1
                 relabelled = "".join(part.name_in_files(pose, body, target) for part in self.expected.relabelled)
                 text = relabelled or _SEVERAL_READINGS
                 faults = CellFaults(f"each pose, body and target once{text}", None, ((record, value),), count)

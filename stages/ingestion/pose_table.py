@@ -13,8 +13,7 @@ import pyarrow as pa
 from truing.arrays import Array, Mask
 from truing.estimation.rotation import euler_axes, exp_so3, left_jacobian_so3, log_so3
 from truing.formats.faultlog import FaultLog
-from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import (
+from truing.formats.raw_tables import (
     COORDINATE_SIGMAS,
     COORDINATES,
     EULER,
@@ -23,6 +22,7 @@ from truing.formats.shapes import (
     QUATERNION,
     ROTATION_VECTOR,
 )
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault

@@ -7,13 +7,13 @@ import pyarrow as pa
 
 from truing.arrays import Array, TableRow
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import PUBLISHED
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import PUBLISHED
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
 from truing.stages.common.rows import Rows
 from truing.stages.common.table_arrays import check_unique_keys, numbers, texts, unit_factors
-from truing.stages.ingestion.load_steps import KINDS
+from truing.stages.ingestion.load_steps import UNITS_BY_AXIS
 from truing.stages.ingestion.reading_table import UNITS
 
 # Column of the file, its source, and the sign of its load.
@@ -35,7 +35,7 @@ def read_published(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
     if not names:
         expected = f"a column {' or '.join(name for name, *_ in _VALUES)}"
         log.add(Fault(rows.first_file, expected))
-    load = numbers(rows, "load") * unit_factors(rows, "load", "load_axis", KINDS, log)
+    load = numbers(rows, "load") * unit_factors(rows, "load", "load_axis", UNITS_BY_AXIS, log)
     rows.fault(log, ~(load > 0.0), "load", "the size of the load of these values, above 0, N or N m")
     _check_units(rows, log)
     if log:

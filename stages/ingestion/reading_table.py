@@ -24,8 +24,8 @@ from truing.estimation.interferometry.quadrature import (
 )
 from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import SIGMA_BOUNDS

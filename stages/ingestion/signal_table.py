@@ -12,8 +12,8 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import times_from_order
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import SHOWN_WRENCH, SIGNALS, WRENCH
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.columns import COLUMNS
 from truing.schemas.faults import Fault
@@ -59,7 +59,7 @@ def signal_table(
         if log:
             return None
     collected, loads = checked_steps(collected, ("run", "step"), settings.loading, log)
-    if any(name in collected.table.column_names for name in SHOWN):
+    if any(name in collected.table.column_names for name in SHOWN_WRENCH):
         collected = with_leg_signals(collected, settings, log)
         if log:
             return None
@@ -132,9 +132,11 @@ def with_leg_signals(collected: CollectedRows, settings: Campaign, log: FaultLog
     """Return the table with signals v1_mv .. v6_mv from a displayed wrench: its leg forces times the sensitivity."""
     names = collected.table.column_names
     signals = [name for name in names if COLUMNS["signal"].matches(name)]
-    if signals or any(name not in names for name in SHOWN):
-        expected = f"either the signals of the legs, or all of {', '.join(SHOWN)}"
-        log.add(Fault(collected.first_file, expected, value=", ".join([*signals, *(n for n in SHOWN if n in names)])))
+    if signals or any(name not in names for name in SHOWN_WRENCH):
+        expected = f"either the signals of the legs, or all of {', '.join(SHOWN_WRENCH)}"
+        log.add(
+            Fault(collected.first_file, expected, value=", ".join([*signals, *(n for n in SHOWN_WRENCH if n in names)]))
+        )
     if settings.mechanism.type != "6-upur":
         expected = '[mechanism] type = "6-upur": the geometry of the legs turns the shown wrench into their forces'
         log.add(Fault("campaign.toml", expected, column="mechanism.type", value=settings.mechanism.type))
@@ -147,10 +149,10 @@ def with_leg_signals(collected: CollectedRows, settings: Campaign, log: FaultLog
     if np.linalg.cond(G) > _SINGULAR:
         log.add(Fault("campaign.toml", "legs that carry every load, not parallel ones", column="mechanism.legs"))
         return collected
-    shown = np.column_stack([numbers(collected, name) for name in SHOWN])
+    shown = np.column_stack([numbers(collected, name) for name in SHOWN_WRENCH])
     sensitivity = np.broadcast_to(settings.signals.sensitivity_mv_per_n or _PER_N, 6)
     reported = np.linalg.solve(G, shown.T).T * sensitivity
-    table = collected.table.select([name for name in names if name not in SHOWN])
+    table = collected.table.select([name for name in names if name not in SHOWN_WRENCH])
     for leg in range(6):
         table = table.append_column(f"v{leg + 1}_mv", pa.array(reported[:, leg]))
     return replace(collected, table=table)

@@ -15,9 +15,9 @@ import pyarrow.compute as pc
 from truing.arrays import Array, Mask
 from truing.formats.faultlog import FaultLog
 from truing.formats.point_index import NameNumbers
+from truing.formats.raw_tables import CONFIGURATIONS, COORDINATE_SIGMAS, COORDINATES, TARGETS, WRENCH, RawTable
 from truing.formats.read import read_table
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, COORDINATES, TARGETS, WRENCH, TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import Leg, LeggedMechanism
 
-POSES = tuple(TableShape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
+POSES = tuple(RawTable(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
 _COLUMN = "mechanism.model"
 _WRITTEN = "a model.toml that a run has written"

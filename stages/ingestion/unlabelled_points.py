@@ -15,20 +15,20 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies
 from truing.formats.dictionaries import as_dictionary, codes
 from truing.formats.evaluation import TableBatch, coordinates
+from truing.formats.raw_tables import COORDINATES
 from truing.formats.read import FileRows
-from truing.formats.shapes import COORDINATES
 
 if TYPE_CHECKING:
     from truing.stages.declaration import Progress
 
 
 _ATTACHMENT_MM = 0.03
-"""How far, one standard deviation, a target at an attachment may sit from its survey because the platform deforms."""
+"""Standard deviation of a target at an attachment about its survey, because the platform deforms."""
 
 _GIVES_WAY = 5e-5
-"""How far, in parts of a body's size, its targets may sit from their survey: 10 K of aluminium over half of it."""
+"""Distance of a target from its survey in parts of the body's size: 10 K of aluminium over half of it."""
 
-MOST_POINTS = 3000
+MOST_UNLABELLED = 3000
 """More points of one pose than anybody names by geometry: above, the file holds a surface."""
 
 _SHOWN_RIVALS = 3
@@ -98,7 +98,7 @@ class Unlabelled:
         groups = list(_groups(pose, given_texts))
         for done, (name, of_body, rows) in enumerate(groups):
             progress(done, len(groups), f"naming the points of pose {name}")
-            if len(rows) > MOST_POINTS:
+            if len(rows) > MOST_UNLABELLED:
                 self.too_many[name] = len(rows)
                 continue
             wanted = {of_body: survey[of_body]} if of_body in survey else {} if of_body else survey

@@ -110,13 +110,13 @@ def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Index) -> 
 
 
 def _is_alike(ratio: float, unit: str) -> bool:
-    """Whether an encoder moves about as far as the command; not where the ratio is that of units as near as degrees
+    """True if an encoder moves about as far as the command; not where the ratio is that of units as near as degrees
     and gon."""
     return abs(ratio - 1.0) < _ODD and not _unit_of(abs(ratio), unit) and not _unit_of(1.0 / abs(ratio), unit)
 
 
 def _hold_commands(exact: Array, scattered: Array) -> bool:
-    """Whether values (N,) return exactly and are round, while those in the other column scatter about each of them."""
+    """True if values (N,) return exactly and are round, while those in the other column scatter about each of them."""
     known = np.isfinite(exact) & np.isfinite(scattered)
     exact, scattered = exact[known], scattered[known]
     values, group = np.unique(exact, return_inverse=True)

@@ -83,7 +83,7 @@ _MM = 1e-3
 # Slips whose misfit is at most this many times that of the best explain the data as well.
 _AS_LIKELY = 2.0
 # Share of the spread of the positions above which a misfit within tolerances says nothing: any readings leave as much.
-_UNTOLD = 0.5
+_UNEXPLAINED = 0.5
 # Another link that leaves this share of the spread is named before slips of single columns are tried.
 _SURE = 0.002
 
@@ -297,7 +297,7 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
         # Tolerances may allow more than the whole range of the poses.
         if start.rms > foreign_misfit(start) and (units := list(units_within_tolerances(compared, fit, limit))):
             return _failed_as_a_whole(tested, units)
-        if start.rms > _UNTOLD * start.spread:
+        if start.rms > _UNEXPLAINED * start.spread:
             return _not_tested("tolerances")
         tested = replace(tested, misfit=start.rms / _MM)
         if zeros := list(slips_of_zeros(compared, fit)):

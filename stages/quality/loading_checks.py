@@ -22,8 +22,8 @@ from truing.stages.common.sensor_elements import declared_compliance
 from truing.stages.quality.belonging import belonging_checks, without_contradiction
 from truing.stages.quality.bench_descriptions import relations_of_loads
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults, not_evaluated
-from truing.stages.quality.decisions import decision_checks
 from truing.stages.quality.joined_loads import joined_loads_check
+from truing.stages.quality.manual_exclusions import decision_checks
 from truing.stages.quality.position_checks import position_checks, positioning_runs
 from truing.stages.quality.reading_checks import (
     drift,

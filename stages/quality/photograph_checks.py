@@ -25,9 +25,9 @@ _MATTERS = 0.1  # of the noise of a ray: a mean residual below it bends no point
 _KNOWN = 3.0  # standard deviations by which a noise has to be off its stated one to count
 _MOVES_POINTS = 1.0  # of their standard deviations: points that move less are as good as they were
 _FAR = 3.0  # times their uncertainty: poses that differ by less in what no image shows by itself
-_TOLD_IMAGES = 8  # as many images as a sentence holds
+_SHOWN_IMAGES = 8  # as many images as a sentence holds
 _LEVEL = 1e-3
-_TOLD_POINTS = 4  # as many as a sentence holds
+_SHOWN_POINTS = 4  # as many as a sentence holds
 
 
 def photograph_checks(tables: Mapping[str, pa.Table], limits: CampaignLimits) -> Iterator[Check]:
@@ -248,7 +248,7 @@ def _reported_settings(deviating: list[TableRow], rows: list[TableRow]) -> Itera
         poses = _complete_poses(rows_of_setting, rows)
         named = [f"{row['image']} of pose {row['pose']}" for row in rows_of_setting if row["pose"] not in poses]
         which = [f"all of pose {pose}" for pose in poses] + named
-        yield f"{listed(which, _TOLD_IMAGES)} by {np.median(off):+.2f} ± {np.median(sigma):.2f} px each"
+        yield f"{listed(which, _SHOWN_IMAGES)} by {np.median(off):+.2f} ± {np.median(sigma):.2f} px each"
 
 
 def _complete_poses(body_rows: list[TableRow], rows: list[TableRow]) -> list[object]:
@@ -290,28 +290,27 @@ def known_points(errors: pa.Table | None) -> Iterator[Check]:
 
 
 def _known_points_check(subject: str, rows: list[TableRow]) -> Check:
-    """Return the check of a pose's known points: smallest p-value times the number of tested points."""
+    """Return the check of a pose's known points; its value is the number of those that contradict or have no ray."""
     tested = [row for row in rows if row["p_value"] is not None]
     lost = [row["point"] for row in rows if not row["rays"]]
     doubted = sorted((row for row in tested if row["reason"]), key=_distance, reverse=True)
     if not tested and not lost:
         return not_evaluated("known points", "known-points", subject, "rays alone do not check them")
-    p_value = min((row["p_value"] for row in tested), default=1.0) * max(len(tested), 1)
     # Points may contradict each other together, while none of them differs beyond chance.
     named = [row for row in doubted if row["rejected"] or row["p_value"] * len(tested) < _LEVEL]
     text = f"{subject}: {count_text(len(rows), 'known point')}"
     text += ", each compared with where the rays and the other known points place it" if tested else ""
     if named:
-        text += f"; {named[0]['reason']}: {'; '.join(map(_deviation_words, named[:_TOLD_POINTS]))}"
-        text += f"; and {len(named) - _TOLD_POINTS} more" if len(named) > _TOLD_POINTS else ""
+        text += f"; {named[0]['reason']}: {'; '.join(map(_deviation_words, named[:_SHOWN_POINTS]))}"
+        text += f"; and {len(named) - _SHOWN_POINTS} more" if len(named) > _SHOWN_POINTS else ""
     elif doubted:
         text += "; together they differ by more than their sigmas allow, and none stands out: are the sigmas too small?"
         text += f" The largest difference is that of {_deviation_words(doubted[0])}"
     elif tested:
         text += f"; the largest difference is that of {_deviation_words(max(tested, key=_distance))}"
     text += f"; without any remaining ray, so not measured: {listed(lost)}" if lost else ""
-    verdict = FAIL if doubted or lost else PASS
-    return Check("known-points", subject, min(p_value, 1.0), _LEVEL, "1", verdict, f"{text}.")
+    faulty = {row["point"] for row in doubted} | set(lost)
+    return Check("known-points", subject, float(len(faulty)), 0.0, "1", FAIL if faulty else PASS, f"{text}.")
 
 
 def _distance(row: TableRow) -> float:

@@ -23,8 +23,8 @@ from truing.stages.common.point_arrays import number_column, pose_points, survey
 from truing.stages.common.repeats import repeated_poses
 from truing.stages.quality.belonging import belonging_checks, relations_of_points
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults
-from truing.stages.quality.decisions import point_decision_checks
 from truing.stages.quality.given_poses import readings_of_given_poses
+from truing.stages.quality.manual_exclusions import point_decision_checks
 from truing.stages.quality.names_and_surveys import (
     between_appearances,
     declared_names,

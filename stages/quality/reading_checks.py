@@ -34,7 +34,7 @@ from truing.stages.quality.check import (
     gross_error_count,
     not_evaluated,
 )
-from truing.stages.quality.unit_slips import FAR, unit_slip
+from truing.stages.quality.unit_slips import IMPLAUSIBLE_RATIO, unit_slip
 
 _TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
 _NOTED = 1.1
@@ -99,7 +99,11 @@ def not_only_noise(view: LoadingView, share: float) -> frozenset[str]:
     above = [c for c in view.channels if view.is_combined(c) and _scatter(c).p_above(_TOLERATED)[0] < share]
     if view.p_of_products(above) < _FOLLOWS:
         return frozenset(channel.name for channel in above)
-    small = (c for c in above if c.noise_ratio < FAR and c.noise_ratio * c.sigma < _NONLINEAR * view.response(c))
+    small = (
+        c
+        for c in above
+        if c.noise_ratio < IMPLAUSIBLE_RATIO and c.noise_ratio * c.sigma < _NONLINEAR * view.response(c)
+    )
     return frozenset(channel.name for channel in small)
 
 

@@ -22,7 +22,7 @@ from truing.estimation.sensor.load_table import LoadTable, least_signal, load_ta
 from truing.quality.loading import LoadingView, predicted_by_loads, scatter_of_signal
 from truing.report.numbers import count_text, listed
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, not_evaluated
-from truing.stages.quality.unit_slips import FAR, unit_slip
+from truing.stages.quality.unit_slips import IMPLAUSIBLE_RATIO, unit_slip
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -124,7 +124,7 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
         slip += " Otherwise signals depend on an input that was not recorded."
     if slip and ratio < 1.0:
         slip += " Or are the signals in another unit?"
-    return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, text + slip)
+    return Check("noise", "signals", ratio, IMPLAUSIBLE_RATIO, "1", WARN if slip else PASS, text + slip)
 
 
 def _loads_span(load: Array, names: list[str]) -> Check:

@@ -35,7 +35,7 @@ from truing.quality.bodies import (
 from truing.report.numbers import count_text, listed
 from truing.stages.common.repeats import DECLARED
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, gross_error_count, not_evaluated
-from truing.stages.quality.unit_slips import FAR, unit_slip
+from truing.stages.quality.unit_slips import IMPLAUSIBLE_RATIO, unit_slip
 
 _EITHER_SIDE = 3  # poses before and after a step
 _STAYS, _FEWEST_AROUND = 0.75, 5  # share of poses by which gross errors stay from one on; poses on either side
@@ -269,7 +269,7 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
     first = _noise_check(body.name, "", pooled, _NOISE_TOLERATED, share / 2, around.shared)
     slip = unit_slip(float(pooled.ratio[0]), declared, "mm")
     verdict = FAIL if slip else first.verdict
-    if pooled.ratio[0] < 1.0 / FAR:
+    if pooled.ratio[0] < 1.0 / IMPLAUSIBLE_RATIO:
         slip += " Or are the points in m in place of mm?" if slip else ""
         slip += _COMPUTED
     yield replace(first, message=first.message + slip, verdict=verdict)

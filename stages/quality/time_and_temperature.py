@@ -10,7 +10,7 @@ from truing.arrays import Array, Index
 from truing.estimation.quality import find_drift
 from truing.estimation.suspect_units import (
     FEWEST,
-    SECONDS,
+    SECONDS_PER_UNIT,
     MistakenRows,
     MistakenTimes,
     MistakenUnit,
@@ -84,7 +84,7 @@ def time_unit(time: Array, run: Index | None, table: str, quantity: str, *, is_c
     if mistaken is None:
         text = f"The times of {table} are plausible as seconds."
         return Check("time-unit", table, 1.0, 1.0, "s", PASS, text)
-    factor = SECONDS[mistaken.unit]
+    factor = SECONDS_PER_UNIT[mistaken.unit]
     text = f"time_s of {table} increases by {mistaken.pace:.3g} from {quantity} to {quantity}, and is likely in "
     text += f"{_UNITS.get(mistaken.unit, mistaken.unit)} ({_paced(mistaken, mistaken.unit)})"
     text += "".join(f", or in {_UNITS[unit]} ({_paced(mistaken, unit)})" for unit in mistaken.others)
@@ -94,12 +94,12 @@ def time_unit(time: Array, run: Index | None, table: str, quantity: str, *, is_c
 
 
 def _paced(mistaken: MistakenTimes, unit: str) -> str:
-    return f"{duration(float(f'{mistaken.pace * SECONDS[unit]:.3g}'))} each"
+    return f"{duration(float(f'{mistaken.pace * SECONDS_PER_UNIT[unit]:.3g}'))} each"
 
 
 def _cure(unit: str) -> str:
     if unit in ("ns", "100 ns"):
-        return f"columns = {{ time_s = {{ scale = {SECONDS[unit]:g} }} }}"
+        return f"columns = {{ time_s = {{ scale = {SECONDS_PER_UNIT[unit]:g} }} }}"
     return f'units = {{ time_s = "{unit}" }}'
 
 

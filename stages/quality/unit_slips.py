@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-FAR = 100.0  # times either way: no instrument is misjudged so far, a unit soon is
+IMPLAUSIBLE_RATIO = 100.0  # times either way: no instrument is misjudged so far, a unit soon is
 _CONSTANT = 1e-8  # of the declared noise: numbers that do not scatter but for rounding tell nothing of its unit
 _NEAR = 5.0  # times about a unit's own factor, and twice that where so much was declared that gross errors count in
 _SIZES = {  # of other units, in the one of the key
@@ -21,7 +21,7 @@ def unit_slip(ratio: float, declared: float, unit: str) -> str:
 
     Empty if both are of one size. ``declared`` is in the unit of its key.
     """
-    if not (math.isfinite(ratio) and ratio > _CONSTANT) or 1.0 / FAR <= ratio <= FAR:
+    if not (math.isfinite(ratio) and ratio > _CONSTANT) or 1.0 / IMPLAUSIBLE_RATIO <= ratio <= IMPLAUSIBLE_RATIO:
         return ""
     sizes = _SIZES.get(unit, {})
     near = {meant: abs(math.log(size / ratio)) for meant, size in sizes.items()}

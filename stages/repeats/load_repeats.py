@@ -24,7 +24,7 @@ from truing.estimation.repeatability import (
     within_groups,
     within_runs,
 )
-from truing.stages.common.overruled import without_excluded
+from truing.stages.common.manual_decisions import without_excluded
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.repeats import SAME_LOADS

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import SensorMechanism
 
-LEAVES = ("tolerance_errors", "tolerance_samples")
 _ARCSEC = np.pi / 180.0 / 3600.0
 _PARTS = (("position", "um", 1e6), ("attitude", "arcsec", 1.0 / _ARCSEC))
 _SEED = 8

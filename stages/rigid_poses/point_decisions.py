@@ -10,7 +10,7 @@ import numpy as np
 from truing.arrays import Mask
 from truing.estimation.rigid_poses.body_estimate import BodyEstimate, Points, estimate_body, largest_motion
 from truing.estimation.rigid_poses.body_poses import PointDecisions
-from truing.stages.common.overruled import chosen_by, exclusion_row
+from truing.stages.common.manual_decisions import chosen_by, exclusion_row
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:

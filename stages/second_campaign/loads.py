@@ -22,8 +22,8 @@ from truing.schemas.covariates import own_name
 from truing.simulation.bench.extended_model import ExtendedSensor, predict_readings, read_sensor
 from truing.simulation.bench.known_readings import ReadingConditions, run_names
 from truing.stages.common.applied_findings import applied_findings
+from truing.stages.common.manual_decisions import without_excluded
 from truing.stages.common.nominal_sensor import nominal_sensor
-from truing.stages.common.overruled import without_excluded
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.recorded_signals import recorded, recorded_elsewhere, recorded_with_other_loads
 from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, PredictionErrors, SecondCampaign

@@ -15,8 +15,15 @@ from truing.report.numbers import count_text, gross_errors
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.known_readings import BeamGeometry
 from truing.stages.common.declared_optics import beam_optics
+from truing.stages.common.manual_decisions import (
+    ManualDecisions,
+    excluded_words,
+    exclusion_row,
+    manual_decisions,
+    matched,
+    without_excluded,
+)
 from truing.stages.common.nominal_sensor import simulated_compliance
-from truing.stages.common.overruled import Decided, decided, excluded_words, exclusion_row, matched, without_excluded
 from truing.stages.common.point_arrays import decisions
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI, load_steps
 from truing.stages.common.rows import Rows
@@ -40,7 +47,7 @@ def platform_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcom
         geometry = BeamGeometry(beam_optics(beams), simulated_compliance(settings, tables.get("given_compliance")))
     steps_of_all = load_steps({"readings": tables["readings"]})
     steps, out = without_excluded(steps_of_all, settings)
-    kept = decided(steps, settings.keep, "kept")
+    kept = manual_decisions(steps, settings.keep, "kept")
     poses = find_poses(steps, geometry, kept.readings)
     steps, identifier = poses.steps, "int64" if isinstance(poses.steps.runs[0], int) else "string"
     artifacts = {
@@ -57,7 +64,7 @@ def platform_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcom
     return Outcome(artifacts, read=read, left_out=left_out, figure=_figure(poses))
 
 
-def _displacement_rows(platform: PlatformPoses, out: Decided) -> Rows:
+def _displacement_rows(platform: PlatformPoses, out: ManualDecisions) -> Rows:
     cases, rows = platform.cases, Rows("displacement")
     used, rejected = (np.zeros(len(cases.load), np.int64) for _ in range(2))
     is_observed = np.isfinite(platform.steps.reading)
@@ -81,7 +88,9 @@ def _displacement_rows(platform: PlatformPoses, out: Decided) -> Rows:
     return rows
 
 
-def _residual_rows(platform: PlatformPoses, recorded: RecordedSteps, out: Decided, kept: Decided) -> Rows:
+def _residual_rows(
+    platform: PlatformPoses, recorded: RecordedSteps, out: ManualDecisions, kept: ManualDecisions
+) -> Rows:
     """Return one row per reading, including readings of ``recorded`` that a person excluded."""
     steps, curves, rows = platform.steps, platform.curves, Rows("reading_residuals")
     at, k = np.nonzero(np.isfinite(recorded.reading))
@@ -113,7 +122,7 @@ def _exclusion_rows(
     platform: PlatformPoses, steps: RecordedSteps, geometry: BeamGeometry | None, settings: Campaign
 ) -> Rows:
     """Return the change of the displacements by a person's exclusions; one row per [[exclude]] and channel."""
-    with_all = find_poses(steps, geometry, decided(steps, settings.keep, "kept").readings)
+    with_all = find_poses(steps, geometry, manual_decisions(steps, settings.keep, "kept").readings)
     change = np.abs(with_all.value - platform.value) / READING_SI
     over = np.abs(with_all.value - platform.value) / np.sqrt(np.einsum("kii->ki", with_all.covariance))
     rows = Rows("exclusion_effects")

@@ -1,4 +1,4 @@
-"""What plans of simulated campaigns share: gross errors, stages before the diagnosis, and parts of the machine."""
+"""Common parts of plans of simulated campaigns: gross errors, stages before the diagnosis, and parts of the machine."""
 
 from __future__ import annotations
 

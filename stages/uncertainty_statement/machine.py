@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import TableRow
-from truing.calibration.knowledge import budget_of_answer, refitted_calibration
+from truing.calibration.parameter_information import parameter_budget, refitted_calibration
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, root_mean_square
 from truing.stages.common.calibration_data import assemble
@@ -86,14 +86,14 @@ def _budget(
     """Return the budget of the parameters in table units; None if the calibration cannot be repeated."""
     identified = {(row["parameter"], row["leg"]): row["identified"] for row in rows}
     try:
-        answered = refitted_calibration(assemble(tables, settings), key, identified)
-        if answered is None:
+        refitted = refitted_calibration(assemble(tables, settings), key, identified)
+        if refitted is None:
             return None
-        found = budget_of_answer(answered)
+        found = parameter_budget(refitted)
     except (ValueError, np.linalg.LinAlgError):
         return None
-    parameters = answered.question.problem.parameters
-    return budget(found, np.eye(len(parameters), len(answered.fit.values))).scaled(1.0 / parameters.units)
+    parameters = refitted.estimation.problem.parameters
+    return budget(found, np.eye(len(parameters), len(refitted.fit.values))).scaled(1.0 / parameters.units)
 
 
 def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:

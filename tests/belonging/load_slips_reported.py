@@ -18,14 +18,14 @@ RIGHT, RIVAL, OTHER, NO_NAME, HIDDEN, SILENT = "right", "among rivals", "another
 
 
 @dataclass(frozen=True)
-class Told:
-    """How a slip was told, and the rows of the artifact ``belonging``."""
+class Reported:
+    """How a slip was reported, and the rows of the artifact ``belonging``."""
 
     how: str
     rows: list[dict[str, Any]]
 
 
-def judge(folder: Path, made: Made) -> Told:
+def judge(folder: Path, made: Made) -> Reported:
     """Run the quality stage on a spoiled campaign and compare what it says with what was done."""
     rows = run_line(folder, "ingest", "qa")[0]["belonging"].to_pylist()
     failing = [row for row in rows if row["state"] == "fails"]
@@ -33,12 +33,12 @@ def judge(folder: Path, made: Made) -> Told:
     rivals = [slip for row in failing for slip in json.loads(row["rivals"])]
     hidden = [slip for row in rows for slip in json.loads(row["hidden_slips"])]
     if any(is_it(slip, made) for slip in named):
-        return Told(RIGHT, rows)
+        return Reported(RIGHT, rows)
     if any(is_it(slip, made) for slip in rivals):
-        return Told(RIVAL, rows)
+        return Reported(RIVAL, rows)
     if failing:
-        return Told(OTHER if named else NO_NAME, rows)
-    return Told(HIDDEN if any(may_be(slip, made) for slip in hidden) else SILENT, rows)
+        return Reported(OTHER if named else NO_NAME, rows)
+    return Reported(HIDDEN if any(may_be(slip, made) for slip in hidden) else SILENT, rows)
 
 
 def is_it(slip: Mapping[str, Any], made: Made) -> bool:
@@ -59,11 +59,11 @@ def may_be(slip: Mapping[str, Any], made: Made) -> bool:
     return bool((slip["factor"] == 1.0 or np.isclose(slip["factor"], made.factor, rtol=1e-3)) and (whole or here))
 
 
-def counted(told: Mapping[tuple[str, str], int]) -> str:
-    """One line per slip: how often it was told how."""
-    names = dict.fromkeys(name for name, _ in told)
+def counted(reported: Mapping[tuple[str, str], int]) -> str:
+    """One line per slip: how often it was reported how."""
+    names = dict.fromkeys(name for name, _ in reported)
     lines = []
     for name in names:
-        own = Counter({how: count for (slip, how), count in told.items() if slip == name})
+        own = Counter({how: count for (slip, how), count in reported.items() if slip == name})
         lines.append(f"{name:40s} {sum(own.values()):4d}  " + ", ".join(f"{how} {own[how]}" for how in sorted(own)))
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Slips in single columns of an axis are told with their column, on axes drawn at random; honest ones pass."""
+"""Slips in single columns of an axis are reported with their column, on axes drawn at random; honest ones pass."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def made(seed: int, folder: Path) -> AxisLayout:
 
 
 @pytest.mark.parametrize("seed", range(700, 704))
-def test_slips_of_columns_are_told_with_their_column(tmp_path: Path, seed: int) -> None:
+def test_slips_of_columns_are_reported_with_their_column(tmp_path: Path, seed: int) -> None:
     folder = tmp_path / "axis"
     layout = made(seed, folder)
     honest = pd.read_csv(folder / "configurations.csv")
@@ -47,9 +47,9 @@ def test_slips_of_columns_are_told_with_their_column(tmp_path: Path, seed: int) 
         table = honest.copy()
         slip.change(table, np.random.default_rng(seed))
         table.to_csv(folder / "configurations.csv", index=False)
-        told = messages(folder)
-        assert all(any(column in text for text in told) for column in slip.columns), (slip.name, told)
-        assert any(all(word in text for word in slip.words) for text in told), (slip.name, told)
+        reported = messages(folder)
+        assert all(any(column in text for text in reported) for column in slip.columns), (slip.name, reported)
+        assert any(all(word in text for word in slip.words) for text in reported), (slip.name, reported)
 
 
 @pytest.mark.parametrize("seed", range(720, 732))

@@ -1,4 +1,4 @@
-"""Copies of measured poses are told from poses that are equal by chance."""
+"""Copies of measured poses are distinguished from poses that are equal by chance."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ def test_a_file_given_twice_holds_copied_poses_though_readings_agree(tmp_path: P
         ("payload_kg = 4.0\npayload_com_mm = [0.0, 20000.0, 50000.0]", "payload_com_mm", 1e-3),
     ],
 )
-def test_masses_in_grams_and_centres_in_metres_are_told(
+def test_masses_in_grams_and_centres_in_metres_are_reported(
     tmp_path: Path, extra: str, quantity: str | None, factor: float
 ) -> None:
     state, slips = relations(campaign(tmp_path / "arm", lambda rows: None, extra=extra))["masses-against-lengths"]

@@ -1,4 +1,4 @@
-"""Units near one are told where a whole group of responses has exactly their factor. Rows of combined loads."""
+"""Units near one are recognised where a whole group of responses has exactly their factor. Rows of combined loads."""
 
 from __future__ import annotations
 

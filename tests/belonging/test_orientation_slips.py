@@ -112,7 +112,7 @@ def test_readings_that_are_wrong_in_some_poses_are_no_slip_of_orientations(seed:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_inverse_poses_among_others_are_told_from_inverse_orientations(seed: int) -> None:
+def test_inverse_poses_among_others_are_distinguished_from_inverse_orientations(seed: int) -> None:
     made = arm(seed)
     measured, seen = made.measured.copy(), made.seen.copy()
     measured[LATE] = np.swapaxes(measured[LATE], 1, 2)

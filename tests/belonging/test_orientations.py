@@ -140,7 +140,7 @@ def _seen(orientations: Array, base: Array) -> tuple[Array, Array]:
     return places, seen + 1e-3 * RNG.normal(size=seen.shape)
 
 
-def test_poses_written_as_inverses_are_told_as_such() -> None:
+def test_poses_written_as_inverses_are_reported_as_such() -> None:
     right = MEASURED.as_matrix()
     places, seen = _seen(right, BASE.as_matrix())
     inverse = np.swapaxes(right, 1, 2)
@@ -152,7 +152,7 @@ def test_poses_written_as_inverses_are_told_as_such() -> None:
 
 
 @pytest.mark.parametrize(("sign", "written"), [(1.0, "body axes"), (-1.0, "of the inverse")])
-def test_positions_along_the_axes_of_the_body_are_told(sign: float, written: str) -> None:
+def test_positions_along_the_axes_of_the_body_are_reported(sign: float, written: str) -> None:
     right = MEASURED.as_matrix()
     places, seen = _seen(right, BASE.as_matrix())
     position = sign * np.einsum("bji,bj->bi", right, seen)

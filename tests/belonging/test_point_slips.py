@@ -26,7 +26,7 @@ from truing.stages.declaration import Outcome
 
 # Two machines, with effects in them that a good campaign may have: the slip has to be found next to these.
 MACHINES = {"6-pus": ("platform-deformation-matrix", "telescope"), "ups": ("actuator-gain", "hexapod")}
-AT_THE_DOOR = (  # a body that is a thousand times too large or small is a fault of the file
+REFUSED_BY_INGEST = (  # a body that is a thousand times too large or small is a fault of the file
     "lengths in inches",
     "a in m",
     "points and survey in m",
@@ -35,7 +35,7 @@ AT_THE_DOOR = (  # a body that is a thousand times too large or small is a fault
     "survey in inches",
 )
 ALL_SLIPS = (*point_slips.ALL_SLIPS, *POSE_SLIPS)
-SEEN_LATER = [slip for slip in ALL_SLIPS if slip.name not in AT_THE_DOOR]
+SEEN_LATER = [slip for slip in ALL_SLIPS if slip.name not in REFUSED_BY_INGEST]
 
 
 @pytest.fixture(scope="module", params=MACHINES)

@@ -43,7 +43,7 @@ def _changed(body: BodyPoints, rows: slice, change: Callable[[np.ndarray], np.nd
     ],
 )
 @pytest.mark.parametrize("rows", [slice(3, 8), slice(1, None, 2), slice(6, None)], ids=["few", "half", "most"])
-def test_a_mirror_image_in_some_poses_is_told_by_its_axes(
+def test_a_mirror_image_in_some_poses_is_reported_by_its_axes(
     change: Callable[[np.ndarray], np.ndarray], kind: SlipKind, quantity: str, rows: slice
 ) -> None:
     found = relate_survey(body := _changed(_body(), rows, change))

@@ -122,7 +122,7 @@ def test_names_of_targets_in_any_order_are_found() -> None:
     assert not survey_of(foreign).slips, "points of another body are in no order"
 
 
-def test_columns_of_legs_that_move_alike_cannot_be_told_apart() -> None:
+def test_columns_of_legs_that_move_alike_cannot_be_distinguished() -> None:
     together = np.linspace(-1e-3, 1e-3, 15)[:, None] * np.ones(6)
     found = _readings(together)
     assert found.state is RelationState.OK
@@ -167,7 +167,7 @@ def test_readings_written_down_in_coarse_steps_are_reported() -> None:
     assert (found.state, found.reason, found.slips[0].kind) == (RelationState.ATTENTION, "rounded", SlipKind.ROUNDED)
 
 
-def test_readings_of_few_levels_are_told_by_their_last_digit() -> None:
+def test_readings_of_few_levels_are_recognised_by_their_last_digit() -> None:
     """Levels that are multiples of 0.7 mm have been written to 0.1 mm all the same."""
     levels = np.random.default_rng(6).integers(-2, 3, (40, 6)) * 7e-4
     reached = levels + np.random.default_rng(7).normal(0.0, 3e-5, levels.shape)

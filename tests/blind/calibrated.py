@@ -71,7 +71,7 @@ class Calibrated:
 
     @property
     def is_chosen_right(self) -> bool:
-        """The true model is chosen, or told to be indistinguishable from the one that is."""
+        """The true model is chosen, or reported as indistinguishable from the one that is."""
         own = self.figures.get(self.true_case, {})
         return self.chosen == self.true_case or own.get("indistinguishable") == 1
 

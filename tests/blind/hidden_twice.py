@@ -89,26 +89,28 @@ def as_hidden(effect: Effect, settings: Settings) -> hidden.Effect:
     return _MAKERS[cause.id](reported, cause, legs)
 
 
-def _per_leg(told: Mapping[str, Any], name: str, legs: int) -> Array:
-    return np.array([told.get(f"{name}_{leg}", 0.0) for leg in range(1, legs + 1)])
+def _per_leg(stated: Mapping[str, Any], name: str, legs: int) -> Array:
+    return np.array([stated.get(f"{name}_{leg}", 0.0) for leg in range(1, legs + 1)])
 
 
-def _grown(told: Mapping[str, Any], legs: int) -> Array:
-    return np.full(legs, told["alpha"]) if "alpha" in told else _per_leg(told, "alpha", legs)
+def _grown(stated: Mapping[str, Any], legs: int) -> Array:
+    return np.full(legs, stated["alpha"]) if "alpha" in stated else _per_leg(stated, "alpha", legs)
 
 
-def _moved(told: Mapping[str, Any], cause: Any, legs: int) -> hidden.Effect:
-    shift = (told["dx"], told["dy"], told["dz"])
-    return hidden.TargetMoved(cause.body, cause.target, shift, told["from_pose"])
+def _moved(stated: Mapping[str, Any], cause: Any, legs: int) -> hidden.Effect:
+    shift = (stated["dx"], stated["dy"], stated["dz"])
+    return hidden.TargetMoved(cause.body, cause.target, shift, stated["from_pose"])
 
 
 _MAKERS: dict[str, Callable[[Mapping[str, Any], Any, int], hidden.Effect]] = {
-    "actuator-gain": lambda told, _, legs: hidden.ActuatorGain(_per_leg(told, "gain", legs)),
-    "actuator-backlash": lambda told, _, legs: hidden.Backlash(_per_leg(told, "backlash", legs)),
-    "platform-deformation-linear": lambda told, _, legs: hidden.LinearDeformation(_per_leg(told, "kappa", legs)),
-    "leg-drift": lambda told, _, legs: hidden.LegDrift(_per_leg(told, "drift", legs), told.get("tau")),
-    "leg-thermal": lambda told, _, legs: hidden.LegThermal(_grown(told, legs)),
-    "measurement-scale": lambda told, *_: hidden.MeasurementScale(told.get("scale", 0.0), told.get("scale_per_k", 0.0)),
+    "actuator-gain": lambda stated, _, legs: hidden.ActuatorGain(_per_leg(stated, "gain", legs)),
+    "actuator-backlash": lambda stated, _, legs: hidden.Backlash(_per_leg(stated, "backlash", legs)),
+    "platform-deformation-linear": lambda stated, _, legs: hidden.LinearDeformation(_per_leg(stated, "kappa", legs)),
+    "leg-drift": lambda stated, _, legs: hidden.LegDrift(_per_leg(stated, "drift", legs), stated.get("tau")),
+    "leg-thermal": lambda stated, _, legs: hidden.LegThermal(_grown(stated, legs)),
+    "measurement-scale": lambda stated, *_: hidden.MeasurementScale(
+        stated.get("scale", 0.0), stated.get("scale_per_k", 0.0)
+    ),
     "target-moved": _moved,
 }
 CAUSES = tuple(_MAKERS)

@@ -26,7 +26,8 @@ UNLUCKY = 1e-3  # a correct diagnosis fails a judgement at most once in a thousa
 WITHIN_95 = 1.959964
 REPORTED = ("found", "indistinguishable")
 SUSPECTED = "suspected"  # no claim: it counts neither for nor against a name
-ALTERNATIVE = "alternative"  # suspected only because others may explain the same: told as indistinguishable from them
+# Suspected only because others may explain the same: reported as indistinguishable from them.
+ALTERNATIVE = "alternative"
 KEPT = ("cause", "verdict", "reason_code", "subject", "parameters", "follows", "p_value", "probability")
 KEPT_OF_TRUTH = ("seed", "effects", "layout", "strengths", "driver_strengths")
 KEPT_NUMBERS = ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
@@ -114,7 +115,7 @@ class Assessed:
 
     @property
     def invented(self) -> list[str]:
-        """What was found although nobody had hidden it, nor what it cannot be told from."""
+        """What was found although nobody had hidden it, nor what it cannot be distinguished from."""
         hidden = {effect.cause for effect in self.hidden}
         if self.missed:  # a wrong name in place of the right one is a matter of naming
             return []
@@ -130,7 +131,8 @@ class Assessed:
         return frozenset[str]().union(*(row.subject for row in best)) != effect.subject
 
     def follows_right(self, effect: Hidden, least: float = 0.0) -> bool:
-        """Whether what is told as unexplained names all that the effect follows by a part of at least that strength."""
+        """Whether what is reported as unexplained names all that the effect follows by a part of at least that
+        strength."""
         rows = [row for row in self.found if row.cause == "unexplained"]
         named = frozenset[str]().union(*(row.follows for row in rows))
         if not effect.follows:
@@ -139,7 +141,7 @@ class Assessed:
 
     @property
     def idle_columns(self) -> frozenset[str]:
-        """Columns that something unexplained is told to follow though no effect does.
+        """Columns that something unexplained is reported to follow though no effect does.
 
         Time is none where something that nobody recorded walks in it, nor are readings where an instrument errs by
         where a point is, which follows them.
@@ -242,7 +244,7 @@ def _pulls(row: Finding, truth: dict[str, Any]) -> list[float]:
         phase = name.replace("amplitude", "phase")
         if value[name] < 0 and phase in value:  # the same sine, half a turn further
             value[name], value[phase] = -value[name], value[phase] + np.pi
-    if "alpha" in truth and "alpha_base" in value:  # told apart although they are the same
+    if "alpha" in truth and "alpha_base" in value:  # named separately although they are the same
         truth = dict.fromkeys(value, truth["alpha"])
     pulls = []
     for name in truth.keys() & value.keys():

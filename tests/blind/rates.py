@@ -97,7 +97,7 @@ def detected(campaigns: Sequence[Assessed]) -> Count:
 
 
 def named(campaigns: Sequence[Assessed]) -> Count:
-    """Campaigns with one effect that is named, or told to be indistinguishable from what was found."""
+    """Campaigns with one effect that is named, or reported as indistinguishable from what was found."""
     return _count(_of_one(campaigns), lambda one: not one.missed, summary)
 
 
@@ -115,7 +115,7 @@ def both_named(campaigns: Sequence[Assessed]) -> Count:
 
 
 def driven(campaigns: Sequence[Assessed]) -> Count:
-    """Campaigns with an effect of no catalogue that is told as unexplained, with what drives it."""
+    """Campaigns with an effect of no catalogue that is reported as unexplained, with its inputs."""
     return _count(_strangers(campaigns), lambda one: one.follows_right(one.hidden[0]), summary)
 
 

@@ -16,7 +16,7 @@ from tests.blind.generator.folder import truth_path
 from tests.blind.judging import Assessed, run_all
 from tests.tolerance import assert_between
 
-# Effects whose parameters are told in other names, units or at another time than the generator holds them.
+# Effects whose parameters are reported in other names, units or at another time than the generator holds them.
 EXAGGERATED = (
     (("joint-settling", "base-drift"), "palletiser-4r", 3),
     (("joint-backlash", "column-tilt"), "column-lift", 2),

@@ -62,8 +62,10 @@ def assessed(
     assert done.exit_code == 0, done.output
     rows = pq.read_table(folder / "run" / "diagnosis.parquet").to_pylist()
 
-    def of(*told: str) -> frozenset[tuple[str, str]]:
-        own = [row for row in rows if {row["verdict"], row["reason_code"]} & {*told} and row["cause"] != "unexplained"]
+    def of(*reported: str) -> frozenset[tuple[str, str]]:
+        own = [
+            row for row in rows if {row["verdict"], row["reason_code"]} & {*reported} and row["cause"] != "unexplained"
+        ]
         return frozenset((row["cause"], row["subject"]) for row in own)
 
     hidden = frozenset((effect.cause, effect.subject) for effect in campaign.effects)

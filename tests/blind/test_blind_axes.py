@@ -34,7 +34,7 @@ from truing.inference.verdicts import Verdict
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.schemas.settings_text import parsed_toml
 from truing.stages.diagnosis.axis_points import assemble
-from truing.stages.diagnosis.search import decided
+from truing.stages.diagnosis.search import search_causes
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 CLEAN, HIDDEN, UNNAMED, PARTED = 40, 30, 6, 16
@@ -87,7 +87,7 @@ def _table(campaign: AxisCampaign) -> pa.Table:
 def _assessed(campaign: AxisCampaign) -> AssessedAxis:
     settings: Campaign = read_campaign(parsed_toml(settings_text(campaign.layout, "axis")))
     gathered = assemble({"configurations": _table(campaign)}, settings)
-    return AssessedAxis(campaign, decided(gathered, settings, lambda done, total, what: None))
+    return AssessedAxis(campaign, search_causes(gathered, settings, lambda done, total, what: None))
 
 
 @pytest.fixture(scope="module")

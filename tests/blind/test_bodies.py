@@ -170,7 +170,7 @@ def test_a_body_that_lands_elsewhere_is_not_reported_as_targets_that_were_moved(
         PLAIN, poses=32, bodies=(Body("base", 3, 150.0, at_rest=True, jitter_mm=0.003),), missing=0.0, gross=0.0
     )
     reported = _diagnosed(tmp_path / "c", alone, (Hidden("scatter", "base", 0.2),), 21)
-    # What remains next to it is told as noise without a name, and as no motion of targets.
+    # What remains next to it is reported as noise without a name, and as no motion of targets.
     causes = {cause for cause, _ in reported.named}
     assert "approach-scatter" in causes
     assert causes <= {"approach-scatter", "unexplained"}

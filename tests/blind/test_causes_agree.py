@@ -108,7 +108,7 @@ UP, CENTRE = np.array([0.28, 0.0, 0.96]), np.array([12.0, -7.0, 60.0])
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_legs_give_way_alike_under_what_they_carry(machine: Callable[[list[hidden.Effect]], Campaign]) -> None:
-    """The generator hangs masses on the legs; the model is told the mass, and which way is up."""
+    """The generator hangs masses on the legs; the model is given the mass, and which way is up."""
     count = len(machine([]).readings)
     effect = hidden.LegCompliance(2e-4 * np.abs(SOME), np.full(count, 35.0), CENTRE, UP)
     assert_alike(

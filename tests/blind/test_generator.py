@@ -61,7 +61,7 @@ EFFECTS: tuple[Effect, ...] = (
     hidden.Backlash(0.01 * np.ones(6)),
     hidden.PeriodicError(0.005 * np.ones(6), 0.5, np.linspace(0, 3, 6)),
     hidden.LegDrift(np.array([0, 0.1, 0, 0, 0, 0])),
-    hidden.ApproachScatter(0.01, np.ones((1, 6)), told=(("from_pose", 3), ("to_pose", 9))),
+    hidden.ApproachScatter(0.01, np.ones((1, 6)), reported=(("from_pose", 3), ("to_pose", 9))),
     hidden.FlexureShift(60.0),
     hidden.MeasurementScale(scale=1e-4),
     hidden.TargetMoved("platform", "P07", (0.05, -0.03, 0.1), 20),

@@ -119,7 +119,7 @@ def test_nothing_is_found_where_actuators_land_as_they_should(tmp_path: Path) ->
 
 
 def _weighed(home: Path, effects: Callable[[Campaign], Effect], seed: int, layout: Layout) -> list[Row]:
-    """The rows of what is found on a hexapod of which is told what it carries, in which something of it is hidden."""
+    """The rows of what is found on a hexapod of known load, in which something of it is hidden."""
     places = random_places(30, 6, np.random.default_rng(seed))
     plain = draw_hexapod(layout, places, [], np.random.default_rng(seed))
     campaign = draw_hexapod(layout, places, [effects(plain)], np.random.default_rng(seed))

@@ -52,7 +52,7 @@ def _model(reader: Callable[[str], object]) -> Callable[[Path, bytes], None]:
     def call(folder: Path, content: bytes) -> None:
         try:
             reader(content.decode())
-        except (ValueError, RecursionError):  # what callers are told of
+        except (ValueError, RecursionError):  # errors that callers are shown
             return
 
     return call

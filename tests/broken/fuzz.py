@@ -1,6 +1,6 @@
 """Damage good campaigns at random for a while: ``python -m tests.broken.fuzz --minutes 10 [--seed 1] [--only NAME]``.
 
-Every kind of misbehaviour is told once; the campaign that shows it is kept in ``--keep``.
+Every kind of misbehaviour is reported once; the campaign that shows it is kept in ``--keep``.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from tests.simulation.mechanisms.telescope import readings
 from tests.tolerance import assert_close
 from truing.calibration.accuracy import machine_errors
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance, under_load
-from truing.calibration.calibration_question import Case, question
-from truing.calibration.fits import fit_question
+from truing.calibration.estimation_problem import Case, problem_with_all_parameters
+from truing.calibration.fits import fit_problem
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel, compliance
 from truing.simulation.mechanisms.structures.structure import poses_at
@@ -63,7 +63,7 @@ def test_known_loads_leave_noise_and_unknown_ones_do_not() -> None:
     ratio = {}
     for name, load in (("known", _LOAD), ("unknown", None)):
         data = _data(load)
-        ratio[name] = fit_question(question(data, data.measured, case), robust=False).noise_ratio
+        ratio[name] = fit_problem(problem_with_all_parameters(data, data.measured, case), robust=False).noise_ratio
     assert 0.75 < ratio["known"] < 1.25  # about 200 degrees of freedom: within five standard deviations
     assert ratio["unknown"] > 3.0
 

@@ -7,8 +7,8 @@ import numpy as np
 from tests.simulation.mechanisms.flexure_telescope import TABLE_3, flexure_telescope
 from tests.tolerance import assert_between
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance
-from truing.calibration.calibration_question import Case, question
-from truing.calibration.fits import fit_question
+from truing.calibration.estimation_problem import Case, problem_with_all_parameters
+from truing.calibration.fits import fit_problem
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
@@ -29,8 +29,8 @@ def _misfit(share: float) -> float:
     roles = np.full(poses, "calibration", object)
     measured = MeasuredPlatform(tuple(range(poses)), roles, base, platform, rho, {})
     data = CalibrationData(measured, machine, _TOLERANCE, 1e-6, {}, None, "")
-    asked = question(data, measured, Case(StiffnessModel("", share), "none", machine))
-    return fit_question(asked, robust=False).noise_ratio
+    asked = problem_with_all_parameters(data, measured, Case(StiffnessModel("", share), "none", machine))
+    return fit_problem(asked, robust=False).noise_ratio
 
 
 def test_only_the_stiffness_along_the_motion_leaves_noise() -> None:

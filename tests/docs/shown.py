@@ -14,13 +14,13 @@ def shown(page: str, name: str) -> str:
     return page.split(f"<!-- table {name} -->\n")[1].split("\n<!-- end -->")[0]
 
 
-def assert_shown(told: str, found: str, *, rel: float) -> None:
+def assert_shown(reported: str, found: str, *, rel: float) -> None:
     """Hold a text of a page to one that was made now: the words to the letter, its numbers to a share of themselves.
 
     A number that is small next to its digits may differ by one in its last.
     """
-    assert NUMBER.sub("#", told) == NUMBER.sub("#", found)
-    for left, right in zip(NUMBER.findall(told), NUMBER.findall(found), strict=True):
+    assert NUMBER.sub("#", reported) == NUMBER.sub("#", found)
+    for left, right in zip(NUMBER.findall(reported), NUMBER.findall(found), strict=True):
         value, other = (float(number.replace(",", "").replace("−", "-")) for number in (left, right))
         last = 10.0 ** -len(left.partition(".")[2])
-        assert other == pytest.approx(value, rel=rel, abs=1.01 * last), f"{told}\n{found}"
+        assert other == pytest.approx(value, rel=rel, abs=1.01 * last), f"{reported}\n{found}"

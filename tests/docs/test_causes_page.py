@@ -34,7 +34,7 @@ def test_every_cause_has_its_row(heading: str, causes: tuple[PointCause | Readin
 
 @pytest.mark.parametrize(("name", "bare"), [("likeness", False), ("likeness-bare", True)])
 def test_likeness_of_causes_on_the_page_is_the_computed_one(name: str, bare: bool) -> None:
-    """To one per cent, and what is told as alike is."""
+    """To one per cent, and so is what is reported as alike."""
     rows = shown(PAGE, name).splitlines()[2:]
     cells = [[cell.strip() for cell in row.strip("|").split("|")[1:]] for row in rows]
     strong, found = likeness(bare).signal, likeness(bare).left

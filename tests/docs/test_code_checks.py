@@ -9,7 +9,7 @@ from tests.docs.shell import commands, fault
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "expected"),
     [
         ("truing run x --fast", "--fast"),
         ("truing walk x", "walk"),
@@ -23,9 +23,9 @@ from tests.docs.shell import commands, fault
         ("$ truing run x", "$"),
     ],
 )
-def test_a_command_that_does_not_exist_is_reported(line: str, told: str) -> None:
+def test_a_command_that_does_not_exist_is_reported(line: str, expected: str) -> None:
     (words,) = commands(line)
-    assert told in (fault(words, set()) or "")
+    assert expected in (fault(words, set()) or "")
 
 
 @pytest.mark.parametrize(

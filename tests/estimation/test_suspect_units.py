@@ -49,7 +49,7 @@ def test_temperatures_in_degrees_celsius_pass(recorded, reference):
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "expected"),
     [
         (1013.0, ""),
         (835.0, ""),
@@ -61,8 +61,8 @@ def test_temperatures_in_degrees_celsius_pass(recorded, reference):
         (3.0, ""),
     ],
 )
-def test_a_pressure_gives_its_unit(value, told):
-    assert likely_pressure_unit(value) == told
+def test_a_pressure_gives_its_unit(value, expected):
+    assert likely_pressure_unit(value) == expected
 
 
 def good_column(rng: np.random.Generator) -> np.ndarray:

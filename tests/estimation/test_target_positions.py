@@ -87,7 +87,7 @@ def test_the_middle_of_what_was_never_seen_is_not_reported(places: np.ndarray) -
 
 
 def test_a_place_is_as_loose_as_what_carries_it_leaves_it() -> None:
-    """Points that others are told to sit by scatter as far as the body turns: against many draws of noise."""
+    """Points by which others are said to sit scatter as far as the body turns: against many draws of noise."""
     rng = np.random.default_rng(5)
     shape = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.3, 0.1, 0.0], [0.01, 0.01, 0.0]])
     trusted = np.array([[True, True, True, False, False], [True, True, True, True, False]])

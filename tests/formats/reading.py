@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.read import read_table
-from truing.formats.shapes import (
+from truing.formats.raw_tables import (
     CAMERAS,
     CONFIGURATIONS,
     DISPLACEMENT,
@@ -26,6 +25,7 @@ from truing.formats.shapes import (
     SURFACES,
     TARGETS,
 )
+from truing.formats.read import read_table
 from truing.formats.source import CampaignFiles
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import Fault

@@ -10,8 +10,8 @@ from tests.formats.reading import read, written
 from tests.sentences import assert_says, says
 from tests.tolerance import assert_close
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import RawTable
 from truing.formats.read import read_table
-from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
@@ -357,7 +357,7 @@ def test_what_is_no_line_of_names_is_reported(tmp_path, text, hint):
 def test_rows_that_a_split_leaves_out_are_left_out_where_poses_are_looked_for(tmp_path):
     """A look at single columns of a table reads what `split` and `select` go by."""
     written(tmp_path, "a.csv", "pose,label,x_mm,y_mm,z_mm\n1,A1,1,2,3\n2,none,1,2,3\n")
-    shape = TableShape("points", ("pose",), partial=True)
+    shape = RawTable("points", ("pose",), partial=True)
     entry = {"path": "a.csv", "split": {"label": r"(?P<target>[A-Z]\d)"}}
     campaign = read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "files": {"points": entry}})
     batches = [batch for _, batch in read_table(CampaignFiles(tmp_path, campaign), shape, FaultLog())]

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from tests.tolerance import assert_close
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import IMAGE_POINTS
 from truing.formats.row_collection import collect_rows
-from truing.formats.shapes import IMAGE_POINTS
 from truing.formats.source import CampaignFiles
 from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign

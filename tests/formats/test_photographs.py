@@ -102,7 +102,7 @@ def test_pictures_beside_points_make_no_campaign_of_photographs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("exposure", "sensor", "expected", "told_by"),
+    ("exposure", "sensor", "expected", "stated_by"),
     [
         ({}, None, None, None),
         ({FOCAL: IFDRational(50), FOCAL_35: 75}, None, 75 * np.hypot(60, 40) / np.hypot(36, 24), "35 mm film"),
@@ -120,14 +120,14 @@ def test_pictures_beside_points_make_no_campaign_of_photographs(tmp_path):
     ],
 )
 @pytest.mark.parametrize("ending", ["jpg", "png", "tif"])
-def test_the_principal_distance_to_start_from(tmp_path, ending, exposure, sensor, expected, told_by):
+def test_the_principal_distance_to_start_from(tmp_path, ending, exposure, sensor, expected, stated_by):
     head = read_head(saved(tmp_path / f"a.{ending}", tags={MODEL: "D850"}, exposure=exposure), sensor)
     assert (head.width_px, head.height_px, head.bits) == (60, 40, 8)
     if expected is None:
         assert head.principal_distance_px is head.principal_distance_from is None
     else:
         assert_close(head.principal_distance_px, expected, atol=1e-9)
-        assert told_by in head.principal_distance_from
+        assert stated_by in head.principal_distance_from
 
 
 def test_cameras_by_model_serial_number_focal_length_and_format(tmp_path):

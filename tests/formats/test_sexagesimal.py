@@ -11,8 +11,8 @@ import pytest
 from tests.pipeline.test_init_exports import init, numbers, table
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
+from truing.formats.raw_tables import CONFIGURATIONS
 from truing.formats.sexagesimal import degrees_of, parsed_angles
-from truing.formats.shapes import CONFIGURATIONS
 from truing.schemas.faults import CampaignFaults
 
 FORMS = (

@@ -31,7 +31,7 @@ def _in_time() -> InTime:
     return InTime(np.arange(EPOCHS, dtype=float), None)
 
 
-def _told(rows: np.ndarray, columns: dict[str, np.ndarray]) -> set[str]:
+def _reported(rows: np.ndarray, columns: dict[str, np.ndarray]) -> set[str]:
     return {name for inputs, _, _ in sets_of_inputs(rows, Spectra(columns, _in_time()), LEVEL) for name in inputs}
 
 
@@ -40,7 +40,7 @@ def test_noise_follows_nothing() -> None:
     alarms = 0
     for seed in range(25):
         rng = np.random.default_rng([seed, 1])
-        alarms += bool(_told(rng.standard_normal((EPOCHS, 3)), _columns(rng)))
+        alarms += bool(_reported(rng.standard_normal((EPOCHS, 3)), _columns(rng)))
     assert alarms <= 2  # more have a probability of 3e-4 at this level
 
 
@@ -49,7 +49,7 @@ def test_heavy_tails_follow_nothing() -> None:
     alarms = 0
     for seed in range(25):
         rng = np.random.default_rng([seed, 2])
-        alarms += bool(_told(rng.standard_t(3.0, (EPOCHS, 1)), _columns(rng)))
+        alarms += bool(_reported(rng.standard_t(3.0, (EPOCHS, 1)), _columns(rng)))
     assert alarms <= 2
 
 
@@ -58,14 +58,14 @@ def test_a_nonlinear_function_of_one_input_is_reported_with_it_alone(driver: str
     rng = np.random.default_rng([NAMES.index(driver), 3])
     columns = _columns(rng)
     rows = 2.0 * np.cos(3.0 * columns[driver])[:, None] + rng.standard_normal((EPOCHS, 1))
-    assert _told(rows, columns) == {driver}
+    assert _reported(rows, columns) == {driver}
 
 
 def test_both_inputs_of_a_product_are_reported() -> None:
     rng = np.random.default_rng(4)
     columns = _columns(rng)
     course = np.sin(2.0 * columns["rho1_mm"]) * np.sin(2.0 * columns["load_n"])
-    assert _told(8.0 * course[:, None] + rng.standard_normal((EPOCHS, 1)), columns) == {"rho1_mm", "load_n"}
+    assert _reported(8.0 * course[:, None] + rng.standard_normal((EPOCHS, 1)), columns) == {"rho1_mm", "load_n"}
 
 
 def test_friction_is_distinguished_by_the_history_of_its_input() -> None:
@@ -73,7 +73,7 @@ def test_friction_is_distinguished_by_the_history_of_its_input() -> None:
     columns = _columns(rng)
     history = _in_time().history(columns["rho2_mm"])
     assert history is not None
-    assert _told(3.0 * history[:, 1:2] + rng.standard_normal((EPOCHS, 1)), columns) == {"rho2_mm"}
+    assert _reported(3.0 * history[:, 1:2] + rng.standard_normal((EPOCHS, 1)), columns) == {"rho2_mm"}
 
 
 def test_an_effect_in_one_run_is_attributed_though_it_passed_for_a_burst_of_noise() -> None:
@@ -91,7 +91,7 @@ def test_an_effect_in_one_run_is_attributed_though_it_passed_for_a_burst_of_nois
     fitted = cast(FittedModel, own)
     (hidden,), (shown,) = (list(residuals_of(fitted, fitted, factor)) for factor in (None, burst))
     assert np.std(hidden.rows[in_run]) < 1.0
-    assert _told(shown.rows, columns) == {"load_n"}
+    assert _reported(shown.rows, columns) == {"load_n"}
 
 
 def test_a_walk_in_time_follows_time_and_no_input_that_walks_too() -> None:
@@ -100,7 +100,7 @@ def test_a_walk_in_time_follows_time_and_no_input_that_walks_too() -> None:
         rng = np.random.default_rng([seed, 6])
         columns = _columns(rng) | {"temperature_c": np.cumsum(rng.standard_normal(EPOCHS))}
         walk = np.cumsum(rng.standard_normal(EPOCHS))
-        said.append(_told(walk[:, None] + 0.3 * rng.standard_normal((EPOCHS, 1)), columns))
+        said.append(_reported(walk[:, None] + 0.3 * rng.standard_normal((EPOCHS, 1)), columns))
     assert sum("time_s" in one for one in said) >= 8
     assert sum(bool(one - {"time_s"}) for one in said) <= 1
 
@@ -109,7 +109,7 @@ def test_a_weak_course_common_to_many_channels_is_attributed_to_its_input() -> N
     rng = np.random.default_rng(7)
     columns = _columns(rng)
     course, field = np.cos(3.0 * columns["load_n"]), rng.standard_normal(24)
-    assert _told(0.45 * np.outer(course, field) + rng.standard_normal((EPOCHS, 24)), columns) == {"load_n"}
+    assert _reported(0.45 * np.outer(course, field) + rng.standard_normal((EPOCHS, 24)), columns) == {"load_n"}
 
 
 def test_share_is_what_is_predicted_beyond_chance() -> None:

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from tests.inference import toy_campaign as toy
 from tests.tolerance import assert_close
+from truing.inference import rounds
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone
 from truing.inference.noise import components
-from truing.inference.rounds import Round, scored
+from truing.inference.rounds import Round
+from truing.inference.scores import scores_of
 from truing.inference.search import CauseCandidate, Search
 from truing.inference.signatures import signature
 
@@ -61,7 +63,8 @@ def _round(
     )
     found = [CauseCandidate(_cause(n, n not in unnamed), n, signature(own, d), 1.0) for n, d in designs.items()]
     shares = dict.fromkeys(designs, 1.0)
-    return scored(stand, Search(own, noise, found, [], shares, 99, np.random.default_rng(3)))
+    search = Search(own, noise, found, [], shares, 99, np.random.default_rng(3))
+    return rounds._round(stand, search, scores_of(search.candidates, stand, search.pathways.residual))
 
 
 @pytest.fixture(scope="module")
@@ -206,7 +209,7 @@ def test_causes_that_no_campaign_distinguishes_are_no_alternatives() -> None:
 
 
 @dataclass(frozen=True)
-class _Told:
+class _Reported:
     """A round of which only the log posterior odds of its candidates are known; all are real, unless ``p`` is large."""
 
     odds: dict[str, float]
@@ -247,8 +250,8 @@ class _Told:
         return candidate.key in self.small
 
 
-def _accepted(told: _Told) -> str | None:
-    choice = choose(cast("Round", told), set(), LEVEL)
+def _accepted(stated: _Reported) -> str | None:
+    choice = choose(cast("Round", stated), set(), LEVEL)
     return None if choice is None else choice.candidate.key
 
 
@@ -256,7 +259,7 @@ def _accepted(told: _Told) -> str | None:
 def test_the_kind_with_the_fewest_parameters_is_accepted_unless_another_is_three_times_as_probable(
     lead: float, expected: str
 ) -> None:
-    reported = _Told({"few": 10.0, "many": 10.0 + lead})
+    reported = _Reported({"few": 10.0, "many": 10.0 + lead})
     for candidate in reported.candidates:
         candidate.signature = SimpleNamespace(parameters=1 if candidate.key == "few" else 6)
     assert _accepted(reported) == expected
@@ -264,7 +267,7 @@ def test_the_kind_with_the_fewest_parameters_is_accepted_unless_another_is_three
 
 @pytest.mark.parametrize(("lead", "expected"), [(0.5, "name"), (2.0, "form"), (9.0, "form")])
 def test_a_name_is_given_unless_a_form_without_one_is_three_times_as_probable(lead: float, expected: str) -> None:
-    assert _accepted(_Told({"name": 10.0, "form": 10.0 + lead}, ("form",))) == expected
+    assert _accepted(_Reported({"name": 10.0, "form": 10.0 + lead}, ("form",))) == expected
 
 
 @pytest.mark.parametrize(
@@ -275,8 +278,8 @@ def test_the_remainder_of_a_nonparametric_effect_gets_no_name(
 ) -> None:
     """Next to an accepted one, a name has to be twenty times as probable as none, and as that form's further terms."""
     odds = {"name": name, **({"further": further} if further else {})}
-    assert _accepted(_Told(odds, ("further",), (_cause("form", False),))) == expected
-    assert _accepted(_Told(odds, ("further",))) == ("name" if name > further else expected)
+    assert _accepted(_Reported(odds, ("further",), (_cause("form", False),))) == expected
+    assert _accepted(_Reported(odds, ("further",))) == ("name" if name > further else expected)
 
 
 @pytest.mark.parametrize(
@@ -286,7 +289,7 @@ def test_the_remainder_of_a_nonparametric_effect_gets_no_name(
 def test_beside_a_form_without_a_name_others_of_its_subject_come_first_and_a_small_name_is_none(
     other: str, small: tuple[str, ...], expected: str
 ) -> None:
-    reported = _Told({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
+    reported = _Reported({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
     assert _accepted(reported) == expected
 
 
@@ -295,14 +298,14 @@ def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once
     beside: float, expected: bool
 ) -> None:
     """As an estimate before the fit said; one of 50 stands against 27 and what is found next to that."""
-    current, following = _Told({"stronger": 27.0, "one": 50.0}, ("one",)), _Told({"weaker": beside})
+    current, following = _Reported({"stronger": 27.0, "one": 50.0}, ("one",)), _Reported({"weaker": beside})
     choice = CandidateChoice(current.candidates[0], (), 1.0, of_two=True)
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set()) is expected
 
 
 def test_a_named_cause_with_noise_residuals_is_kept_whatever_was_probable_before_the_fit() -> None:
     """A large effect leaves what is not linear in it to forms with more parameters, until the name is fitted."""
-    current, following = _Told({"name": 27.0, "one": 900.0}, ("one",)), _Told({"rest": 5.0}, p=0.4)
+    current, following = _Reported({"name": 27.0, "one": 900.0}, ("one",)), _Reported({"rest": 5.0}, p=0.4)
     choice = CandidateChoice(current.candidates[0], (), 1.0, of_two=True)
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set())
 
@@ -310,7 +313,7 @@ def test_a_named_cause_with_noise_residuals_is_kept_whatever_was_probable_before
 def test_other_subjects_of_the_kind_are_reported_with_the_odds_against_them() -> None:
     kinds = dict.fromkeys(("leg2 leg5", "", "leg2", "leg1"), "gain")
     odds = {"leg2 leg5": 9.0, "": 8.0, "leg2": 9.0 - np.log(10.0), "leg1": 5.0, "other": 8.9}
-    choice = choose(cast("Round", _Told(odds, kinds=kinds)), set(), LEVEL)
+    choice = choose(cast("Round", _Reported(odds, kinds=kinds)), set(), LEVEL)
     assert choice is not None
     assert [subject for subject, _ in choice.subjects] == ["", "leg2"]
     assert_close([against for _, against in choice.subjects], [np.e, 10.0], atol=1e-9, what="odds against")
@@ -325,7 +328,7 @@ def test_inputs_that_explain_nearly_as_well_are_reported_unless_they_hold_those_
         "form of leg2 by load": 5.0,
         "form of leg1 by load": 8.9,
     }
-    reported = _Told(odds, tuple(odds), kinds=dict.fromkeys(odds, "unexplained"))
+    reported = _Reported(odds, tuple(odds), kinds=dict.fromkeys(odds, "unexplained"))
     choice = choose(cast("Round", reported), set(), LEVEL)
     assert choice is not None
     assert choice.subjects == ()

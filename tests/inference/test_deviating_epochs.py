@@ -1,4 +1,4 @@
-"""Epochs whose values deviate together are told from single bad values and from heavy tails, at a known rate."""
+"""Deviating epochs are distinguished from single bad values and from heavy tails, at a known rate."""
 
 from __future__ import annotations
 

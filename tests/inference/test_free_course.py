@@ -110,7 +110,7 @@ def test_a_gain_is_doubted_where_a_drive_errs_smoothly() -> None:
 
 
 def test_a_size_that_varies_with_an_input_acts_next_to_a_name() -> None:
-    """The name holds on average; its share is that of the mean size, told with the input."""
+    """The name holds on average; its share is that of the mean size, reported with the input."""
     factor = 1.0 + 0.7 * GAIN / GAIN.std()
     rivals = _rivals(SIDE * factor, SIDE)
     assert sum(rival.is_beside and rival.follows == ("drive0",) for rival in rivals) >= CAMPAIGNS - 1

@@ -45,7 +45,7 @@ def test_a_moved_target_is_not_alone_however_late_although_others_suspect_it() -
     wrong = _hit(values, rng, 0.02)
     alone = alone_in_time(values, order, suspect | wrong)
     assert_between(float((alone & ~wrong).sum()), 0, 2, what="right points called alone")
-    assert_between(float((alone & wrong).sum() / wrong.sum()), 0.9, 1.0, what="share of gross errors told")
+    assert_between(float((alone & wrong).sum() / wrong.sum()), 0.9, 1.0, what="share of gross errors reported")
 
 
 def test_three_poses_before_a_target_was_moved_are_enough() -> None:

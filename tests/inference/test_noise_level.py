@@ -65,7 +65,7 @@ def test_a_tenth_too_much_is_no_finding_and_a_half_is() -> None:
 
 
 def test_the_noise_level_of_a_target_is_estimated_apart_from_the_others() -> None:
-    """Ten points a pose, the first with twice the noise: its own level is told, and that of the others."""
+    """Ten points a pose, the first with twice the noise: its own level is reported, and that of the others."""
     unit = np.tile(np.eye(3), (20, 10, 1, 1))
     whitened, measured = _fitted(1.0, 5), Observations(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
     quieter = unit.copy()

@@ -69,7 +69,7 @@ def test_a_shape_that_is_not_asked_keeps_its_sigma() -> None:
     assert_close(factors, np.ones((2, 2)), atol=0.0, what="factors")
 
 
-def test_a_creep_is_asked_by_creeps_of_other_time_constants_and_told_by_the_upper_end_of_its_interval() -> None:
+def test_a_creep_is_contested_by_other_time_constants_and_reported_by_the_upper_end_of_its_interval() -> None:
     creep = Creep("fz", 60.0).refined()
     assert creep.with_fixed_shape(np.array([0.3])) == Creep("fz", pytest.approx(60.0 * np.exp(0.3)))
     fraction, tau = creep.reported(np.array([0.01, 0.3]), np.diag([1e-6, 0.25]), 6)

@@ -20,7 +20,7 @@ def network_of(photographed: Photographed) -> tuple[Network, NetworkState]:
         photographed.pose[kept] * len(photographed.names) + photographed.point[kept], return_inverse=True
     )
     pixel = photographed.pixel[kept]
-    sigma = photographed.shooting.told_sigma_px or photographed.shooting.sigma_px
+    sigma = photographed.shooting.stated_sigma_px or photographed.shooting.sigma_px
     rays = Rays(
         image,
         point,

@@ -185,7 +185,7 @@ def _in_sight(solids: tuple[Solid, ...], behind: Background, on: Patch, view: Vi
 
 def _patch_directions(lens: Lens, box: tuple[slice, slice], samples: int) -> Complex:
     """Directions of all samples of a patch: exact at a few nodes, between them by the polynomial through them, which
-    no lens can be told from.
+    no lens can be distinguished from.
     """
     rows, columns = ((part.start - 0.5, part.stop - 0.5) for part in box)
     y, x = (low + _nodes() * (high - low) for low, high in (rows, columns))

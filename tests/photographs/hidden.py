@@ -85,7 +85,7 @@ class UnstableCamera(CameraEffect):
 
 @dataclass(frozen=True)
 class WarmBar(CameraEffect):
-    """A bar (or all of them) grows with the temperature, and its length is told as a constant."""
+    """A bar (or all of them) grows with the temperature, and its length is stated as a constant."""
 
     id = "scale-bar-temperature"
     expansion_per_k: float = 23e-6

@@ -126,7 +126,7 @@ def draw_two(rng: np.random.Generator) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class PhotographedCase:
-    """A campaign with effects in it, each as strong alone as it is told."""
+    """A campaign with effects in it, each as strong alone as stated."""
 
     plan: Plan
     seed: int
@@ -151,7 +151,7 @@ def moves_of(plan: Plan, seed: int) -> list[tuple[int, str, np.ndarray]]:
 
 def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> PhotographedCase:
     """Effects by their names in ``KINDS``, each of the wanted strength, in a campaign of the layout ``kind``; air is
-    no stronger than a room can have it, and its strength told as what it is then.
+    no stronger than a room can have it, and its strength stated as what it is then.
 
     Rays follow effects of cameras, bars, panes and air in proportion, as far as they are small: one size tells all.
     """

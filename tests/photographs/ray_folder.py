@@ -57,7 +57,7 @@ def bar_rows(bars: tuple[Bar, ...], calibrated_mm: np.ndarray) -> Iterator[str]:
 
 def _image_points(photographed: Photographed) -> Iterator[str]:
     shooting, campaign = photographed.shooting, photographed.campaign
-    sigma = shooting.sigma_px if shooting.told_sigma_px is None else shooting.told_sigma_px
+    sigma = shooting.sigma_px if shooting.stated_sigma_px is None else shooting.stated_sigma_px
     yield "pose,image,camera,body,target,kind,x_px,y_px,sigma_x_px,sigma_y_px"
     rows = zip(photographed.pose, photographed.station, photographed.point, photographed.pixel, strict=True)
     for n, s, k, pixel in rows:

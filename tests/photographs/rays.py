@@ -51,7 +51,7 @@ BARS = (
 @dataclass(frozen=True)
 class Shooting:
     """How a campaign is photographed: the machine's layout, the lenses (stations go round among them), the stations
-    of each pose, what an image coordinate is uncertain by and what is told of that, bars, and what goes wrong.
+    of each pose, what an image coordinate is uncertain by and what is stated of that, bars, and what goes wrong.
     """
 
     layout: Layout = field(
@@ -64,7 +64,7 @@ class Shooting:
     lenses: tuple[Lens, ...] = (Lens(),)
     stations: Round = field(default_factory=Round)
     sigma_px: float = 0.02
-    told_sigma_px: float | None = None
+    stated_sigma_px: float | None = None
     bars: tuple[Bar, ...] = BARS
     widest_deg: float = 68.0  # between a target's normal and the line of sight
     missing_share: float = 0.03
@@ -76,7 +76,7 @@ class Shooting:
 @dataclass(frozen=True)
 class Photographed:
     """A campaign, its views (a row of stations per pose), and its rays: pose, station and point by number, pixels
-    (R,), which are grossly wrong, and the true length of each bar as it was told (mm).
+    (R,), which are grossly wrong, and the true length of each bar as it was stated (mm).
     """
 
     shooting: Shooting
@@ -163,7 +163,7 @@ def draw_rays(
 def _bar_ends(
     bars: tuple[Bar, ...], campaign: Campaign, effects: Sequence[CameraEffect], rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Ends (N, 2 K, 3) of the bars in every pose, mm, and lengths (K,) as a laboratory told them."""
+    """Ends (N, 2 K, 3) of the bars in every pose, mm, and lengths (K,) as a laboratory stated them."""
     poses = len(campaign.schedule.pose)
     if not bars:
         return np.empty((poses, 0, 3)), np.empty(0)

@@ -89,7 +89,7 @@ class Session:
 
     @cached_property
     def calibrated_mm(self) -> Array:
-        """The bars' lengths as a laboratory told them."""
+        """The bars' lengths as a laboratory stated them."""
         rng = np.random.default_rng([SEED, 1])
         return np.array([bar.length_mm + bar.sigma_mm * rng.normal() for bar in BARS])
 

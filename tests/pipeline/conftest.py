@@ -12,20 +12,20 @@ import pytest
 from tests.pipeline.fake_project import FakeProject, make_fake_project
 from tests.pipeline.skeletons import assert_valid_if_activated
 from tests.pipeline.warm_python import AVAILABLE, WarmPython
-from truing.pipeline import starter
+from truing.pipeline import campaign_template
 
 
 @pytest.fixture(autouse=True)
 def _skeletons_are_valid(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Every skeleton that `truing init` writes in a test is valid as it is and with its proposed lines active."""
     written: list[str] = []
-    write = starter.starter_text
+    write = campaign_template.starter_text
 
     def kept(*arguments: Any, **named: Any) -> str:
         written.append(write(*arguments, **named))
         return written[-1]
 
-    monkeypatch.setattr(starter, "starter_text", kept)
+    monkeypatch.setattr(campaign_template, "starter_text", kept)
     yield
     for text in written:
         assert_valid_if_activated(text)

@@ -207,7 +207,10 @@ def has_repeats(settings, found):
 
 # What the page of all campaigns needs of the real project.
 _OF_THE_PAGE = (
-    *(f"truing/report/{name}.py" for name in ("__init__", "all_campaigns", "heads", "numbers", "page", "reference")),
+    *(
+        f"truing/report/{name}.py"
+        for name in ("__init__", "all_campaigns", "column_heads", "numbers", "page", "reference")
+    ),
     *(f"truing/belonging/{name}.py" for name in ("__init__", "relation")),
 )
 
@@ -293,10 +296,10 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
     files = {f"stages/{name}.py": text for name, text in {**STAGES, **OF_PHOTOGRAPHS}.items()}
     files |= {"stages/__init__.py": "", "truing/__init__.py": _ONE_NAME, "truing/formats/__init__.py": ""}
     files |= {
-        "stages/prospects.py": _PROSPECTS,
+        "stages/evaluable_stages.py": _PROSPECTS,
         "stages/common/__init__.py": "",
         "stages/common/belonging.py": "def failed_relations(tables):\n    return ()\n",
-        "stages/attention.py": "def attention(settings, found):\n    return ()\n",
+        "stages/probable_mistakes.py": "def attention(settings, found):\n    return ()\n",
         "stages/ingestion/__init__.py": "",
         "stages/ingestion/loading_tables.py": "TABLES = ()\n",
         "truing/estimation/__init__.py": "",

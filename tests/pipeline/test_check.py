@@ -168,7 +168,7 @@ CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibrati
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "stated"),
     [
         (
             {"points": points("1", "2", "3"), "configurations": f"{CONFIGURED}4,calibration,4,1,1\n"},
@@ -215,11 +215,11 @@ CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibrati
         ),
     ],
 )
-def test_a_probable_mistake_is_named_under_attention(tmp_path: Path, files: dict[str, str], told: str) -> None:
+def test_a_probable_mistake_is_named_under_attention(tmp_path: Path, files: dict[str, str], stated: str) -> None:
     folder = written(tmp_path, **files)
-    assert any(told in sentence for sentence in check_campaign(open_campaign(folder)).attention)
+    assert any(stated in sentence for sentence in check_campaign(open_campaign(folder)).attention)
     done = CliRunner().invoke(app, ["check", str(folder)])
-    assert (done.exit_code, f"attention: {told}" in done.output or told in done.output) == (ExitCode.DONE, True)
+    assert (done.exit_code, f"attention: {stated}" in done.output or stated in done.output) == (ExitCode.DONE, True)
 
 
 def test_a_frame_per_series_is_reported_to_be_taken_as_one_per_pose(tmp_path: Path) -> None:
@@ -247,7 +247,7 @@ def test_a_frame_per_series_of_an_arm_is_not_said_to_be_ignored(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "stated"),
     [
         ({"points": points("1", "2", body="platte"), "targets": survey("Platte")}, "did you mean Platte by platte?"),
         (
@@ -261,9 +261,9 @@ def test_a_frame_per_series_of_an_arm_is_not_said_to_be_ignored(tmp_path: Path) 
     ],
 )
 def test_names_that_another_table_spells_otherwise_are_hinted_at(
-    tmp_path: Path, files: dict[str, str], told: str
+    tmp_path: Path, files: dict[str, str], stated: str
 ) -> None:
-    assert any(told in fault.expected for fault in faults(written(tmp_path, **files)))
+    assert any(stated in fault.expected for fault in faults(written(tmp_path, **files)))
 
 
 def test_runs_that_two_tables_spell_otherwise_are_reported(tmp_path: Path) -> None:

@@ -186,7 +186,7 @@ def test_json_of_stages_has_a_row_per_stage(fake: FakeProject) -> None:
 
 def test_json_has_null_for_numbers_that_it_lacks(capsys: pytest.CaptureFixture[str]) -> None:
     console = JsonConsole()
-    console.tell("rows", {"x": math.nan, "sizes": (math.inf, 1.0)})
+    console.add_fact("rows", {"x": math.nan, "sizes": (math.inf, 1.0)})
     console.close(ExitCode.DONE)
     assert json.loads(capsys.readouterr().out)["rows"] == [{"x": None, "sizes": [None, 1.0]}]
 

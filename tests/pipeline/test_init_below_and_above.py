@@ -9,7 +9,7 @@ import pytest
 
 from tests.pipeline.test_init_exports import URDF, init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import CONFIGURATIONS, POINTS, POSITIONING
+from truing.formats.raw_tables import CONFIGURATIONS, POINTS, POSITIONING
 from truing.formats.sniff import sniff_file
 from truing.formats.times import time_format_of
 

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from tests.tolerance import assert_close
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import CONFIGURATIONS, INTERFEROMETER, POINTS, POSITIONING, SIGNALS, RawTable
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import CONFIGURATIONS, INTERFEROMETER, POINTS, POSITIONING, SIGNALS, TableShape
 from truing.formats.source import CampaignFiles
 from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign
@@ -36,7 +36,7 @@ def init(folder: Path) -> tuple[str, dict[str, Any]]:
     return done.stdout, tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
 
 
-def table(folder: Path, document: dict[str, Any], shape: TableShape) -> CollectedRows:
+def table(folder: Path, document: dict[str, Any], shape: RawTable) -> CollectedRows:
     log = FaultLog()
     found = collect_rows(CampaignFiles(folder, read_campaign(document)), shape, log)
     assert not log, list(log.faults())

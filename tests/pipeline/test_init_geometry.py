@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init, table
-from truing.formats.shapes import POINTS, TARGETS
+from truing.formats.raw_tables import POINTS, TARGETS
 from truing.pipeline.command_line import app
 
 RNG = np.random.default_rng(41)

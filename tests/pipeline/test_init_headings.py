@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import JOINTS, init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import CONFIGURATIONS, POINTS, POSES, POSITIONING, SIGNALS
+from truing.formats.raw_tables import CONFIGURATIONS, POINTS, POSES, POSITIONING, SIGNALS
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
 
@@ -96,11 +96,11 @@ def test_numbers_of_pose_and_target_in_names_and_a_column_of_units(tmp_path: Pat
 def test_names_with_units_above_columns_that_blanks_part(tmp_path: Path, mark: str) -> None:
     rows = [f"{10.0 * k:8.3f}  {'CW' if k < 4 else 'CCW'}  {0.5 + 0.1 * k:8.3f}" for k in range(8)]
     (tmp_path / "table.txt").write_text("\n".join([f"{mark}Target [deg]  Direction  Error [arcsec]", *rows]) + "\n")
-    told, document = init(tmp_path)
+    reported, document = init(tmp_path)
     entry = document["files"]["configurations"]
     columns = {"command_deg": "Target [deg]", "deviation_deg": "Error [arcsec]", "approach": "Direction"}
     assert entry["columns"] == columns
-    assert "--answer approach=" in told, "all rows move to larger commands, so they do not tell the words"
+    assert "--answer approach=" in reported, "all rows move to larger commands, so they do not tell the words"
     assert entry["units"] == {"deviation_deg": "arcsec"}
 
 

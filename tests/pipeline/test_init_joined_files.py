@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import CONFIGURATIONS, LOADS_APART, POINTS, POSES, SIGNALS, TARGETS
+from truing.formats.raw_tables import CONFIGURATIONS, LOADS_APART, POINTS, POSES, SIGNALS, TARGETS
 from truing.pipeline.command_line import app
 
 RNG = np.random.default_rng(41)

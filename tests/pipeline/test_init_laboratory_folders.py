@@ -12,7 +12,7 @@ from tests.pipeline.test_init_exports import URDF, init, numbers, table
 from tests.tolerance import assert_close
 from truing import exp_so3
 from truing.formats.grad_units import is_grad
-from truing.formats.shapes import CONFIGURATIONS, POINTS, POSES
+from truing.formats.raw_tables import CONFIGURATIONS, POINTS, POSES
 
 RNG = np.random.default_rng(2311)
 PLACES = RNG.uniform(-900.0, 900.0, (12, 3)).round(3)

@@ -10,7 +10,7 @@ import pytest
 
 from tests.pipeline.test_init_exports import NAMES, PLACES, URDF, init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import CONFIGURATIONS, POINTS, SIGNALS
+from truing.formats.raw_tables import CONFIGURATIONS, POINTS, SIGNALS
 
 RNG = np.random.default_rng(23)
 PATH = RNG.uniform(-900.0, 900.0, (24, 3)).round(3)  # places of one target, mm

@@ -10,7 +10,7 @@ import pytest
 from tests.pipeline.test_init_exports import init
 from tests.sentences import assert_says
 from tests.stages.line import run_line
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 from truing.pipeline.campaign_check import check_campaign
 from truing.pipeline.campaign_folder import open_campaign
 

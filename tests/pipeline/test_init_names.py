@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init, numbers, table
-from truing.formats.shapes import CONFIGURATIONS, POINTS, POSES, SIGNALS, TARGETS
+from truing.formats.raw_tables import CONFIGURATIONS, POINTS, POSES, SIGNALS, TARGETS
 from truing.formats.times import time_format_of
 from truing.pipeline.command_line import app
 

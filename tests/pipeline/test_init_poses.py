@@ -10,7 +10,7 @@ import pytest
 from tests.pipeline.skeletons import activated
 from tests.pipeline.test_init_exports import JOINTS, URDF, init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import POSES
+from truing.formats.raw_tables import POSES
 
 RNG = np.random.default_rng(31)
 AT = RNG.uniform(-2.0, 2.0, (len(JOINTS), 3)).round(6)  # m

@@ -19,11 +19,11 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from truing.formats.guess import Guess
+from truing.pipeline.campaign_template import MARK, assumed_unit
 from truing.pipeline.command_line import app
 from truing.pipeline.console import RunConsole
 from truing.pipeline.init_campaign import init_campaign
 from truing.pipeline.init_questions import Question
-from truing.pipeline.starter import MARK, assumed_unit
 from truing.schemas.campaign import read_campaign
 
 COMMAS = "Punkt;X;Y;Z\nP1;1,234;12,345;100,001\nP2;2,234;13,345;200,001\nP3;3,234;15,345;300,001\n"

@@ -72,7 +72,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_campaign(campaign, tmp_path_factory.mktemp("small") / "campaign", seed=2)
 
 
-def faultless_once_the_noise_is_told(folder: Path) -> bool:
+def faultless_once_the_noise_is_declared(folder: Path) -> bool:
     """What `truing init` proposes for raw files alone, with the noise as the only key that a person fills in."""
     (folder / "campaign.toml").unlink()
     assert init(folder).exit_code == 0
@@ -85,7 +85,7 @@ def faultless_once_the_noise_is_told(folder: Path) -> bool:
 
 def test_a_german_spreadsheet_needs_no_hand(small: Path, tmp_path: Path) -> None:
     folder = german(small, tmp_path / "german")
-    assert faultless_once_the_noise_is_told(folder)
+    assert faultless_once_the_noise_is_declared(folder)
     files = written(folder)["files"]
     assert files["configurations"]["columns"]["rho6_mm"] == "Stößel 6"
     assert files["targets"]["columns"]["leg"] == "Bein"
@@ -101,7 +101,7 @@ def test_clouds_of_many_points_are_scans_and_the_single_ones_their_surfaces(tmp_
         np.random.default_rng(3),
         count=2000,
     )
-    assert faultless_once_the_noise_is_told(folder)
+    assert faultless_once_the_noise_is_declared(folder)
     files = written(folder)["files"]
     assert [entry["constants"]["body"] for entry in files["scans"]] == ["base", "platform"]
     assert [entry["constants"]["body"] for entry in files["surfaces"]] == ["base", "platform"]
@@ -110,7 +110,7 @@ def test_clouds_of_many_points_are_scans_and_the_single_ones_their_surfaces(tmp_
 def test_points_alone_need_the_noise_alone(small: Path, tmp_path: Path) -> None:
     shutil.copy(small / "points.csv", tmp_path)
     (tmp_path / "campaign.toml").touch()
-    assert faultless_once_the_noise_is_told(tmp_path)
+    assert faultless_once_the_noise_is_declared(tmp_path)
 
 
 BUNDLES = ("20250221_Bundle5.csv", "20250221_Bundle6.csv", "20250221_Set03.csv")

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import SIGNALS
+from truing.formats.raw_tables import SIGNALS
 from truing.formats.units import UnknownUnit, conversion, known_unit
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode

@@ -9,7 +9,7 @@ import pytest
 
 from tests.pipeline.test_init_exports import URDF, init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import CONFIGURATIONS, POINTS, SIGNALS
+from truing.formats.raw_tables import CONFIGURATIONS, POINTS, SIGNALS
 
 RNG = np.random.default_rng(23)
 TARGETS = [f"{body}{number}" for body in ("base", "plate") for number in range(1, 5)]

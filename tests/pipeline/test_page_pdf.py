@@ -57,13 +57,13 @@ def test_the_appendix_is_asked_for_in_the_address(path: Path, page: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [("#!/bin/sh\necho cannot open display >&2\nexit 5\n", "ended with code 5: cannot open display"),
      ("#!/bin/sh\nexit 0\n", "wrote no PDF")],
 )  # fmt: skip
-def test_a_browser_that_fails_is_named_with_its_last_words(path: Path, page: Path, text: str, told: str) -> None:
+def test_a_browser_that_fails_is_named_with_its_last_words(path: Path, page: Path, text: str, expected: str) -> None:
     _install(path, BROWSERS[0], text)
-    with pytest.raises(EnvironmentProblem, match=told):
+    with pytest.raises(EnvironmentProblem, match=expected):
         printed(page)
 
 

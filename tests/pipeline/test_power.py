@@ -73,14 +73,14 @@ def test_power_of_a_planned_campaign_reports_sizes_and_changes_no_file(planned: 
     assert "http" not in page.split("<body>")[0].replace("http-equiv", "")
 
 
-def told_at_once(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
+def reported_at_once(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
     """What a diagnosis would say that finds everything from the expected size on, and errs once where nothing is."""
     found = trial.factor >= 1.0 or (not trial.effects and trial.seed[-1] == 0)
     return Answer(trial.question, trial.factor, found, found, found, ())
 
 
 def test_campaigns_are_counted_by_size(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", told_at_once)
+    monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", reported_at_once)
     out = tmp_path / "power.parquet"
     code, output = call(measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", out)
     assert code == 0, output
@@ -98,7 +98,7 @@ def test_an_interrupted_call_shows_what_it_has(measured: Path, tmp_path: Path, m
     def interrupted(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
         if trial.seed[3] % 5 == 1 and trial.effects:
             raise Interrupted("SIGTERM")
-        return told_at_once(plan, settings, trial)
+        return reported_at_once(plan, settings, trial)
 
     monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", interrupted)
     code, output = call(
@@ -120,7 +120,7 @@ def test_theory_is_reported_first_and_each_round_narrows_the_sizes(
         rates = tmp_path / "power-rates.parquet"
         assert out.with_suffix(".html").exists(), "the first page, by theory alone"
         counted.append(sum(row["campaigns"] for row in pq.read_table(rates).to_pylist()) if rates.exists() else 0)
-        return told_at_once(plan, settings, trial)
+        return reported_at_once(plan, settings, trial)
 
     monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", watched)
     code, output = call(measured, "--draws", 3, "--causes", "platform-deformation-matrix", "--out", out)
@@ -161,16 +161,16 @@ def _refused(piece: Any) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (("--causes", "actuator-gain,actuator-gian"), "found 'actuator-gian'"),
         (("--out", "power.txt"), "a file that ends in .csv or .parquet"),
     ],
 )
-def test_unusable_options_of_power_are_refused(measured: Path, words: tuple[str, ...], told: str) -> None:
+def test_unusable_options_of_power_are_refused(measured: Path, words: tuple[str, ...], expected: str) -> None:
     code, output = call(measured, *words)
     assert code == 2
-    assert told in output
+    assert expected in output
 
 
 def test_a_campaign_that_cannot_be_drawn_says_why(planned: Path) -> None:

@@ -21,7 +21,7 @@ from truing.pipeline.power_command import diagnosed
 from truing.simulation.axis.causes import LostMotion, ScaleError
 from truing.simulation.cause import Effect
 from truing.simulation.detection_trials import Trial
-from truing.stages.diagnosis.search import assembled_data, decided
+from truing.stages.diagnosis.search import assembled_data, search_causes
 from truing.stages.power import axis_plan_of
 
 UNEVEN = (0.0, 17.0, 61.0, 94.0, 131.0, 168.0, 209.0, 243.0, 288.0, 332.0, 377.0, 400.0)
@@ -110,7 +110,7 @@ def test_hidden_effects_are_recovered_from_drawn_rows(tmp_path: Path) -> None:
     for seed in range(6):
         tables = plan.drawn(hidden, np.random.default_rng(seed))
         assert "event" not in tables["configurations"].column_names
-        for verdict in decided(assembled_data(tables, settings), settings, lambda *_: None).verdicts:
+        for verdict in search_causes(assembled_data(tables, settings), settings, lambda *_: None).verdicts:
             if verdict.verdict == "found":
                 size = next(effect.values[0] for effect in hidden if effect.cause.id == verdict.cause.id)
                 found[verdict.cause.id].append((verdict.values[0] - size) / np.sqrt(verdict.covariance[0, 0]))

@@ -117,7 +117,7 @@ def test_a_drawn_campaign_can_be_written_and_diagnosed_as_measured(
     from truing.simulation.cause import Effect
     from truing.simulation.mechanisms.chains.causes import JointGain
     from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
-    from truing.stages.diagnosis.search import assembled_data, decided
+    from truing.stages.diagnosis.search import assembled_data, search_causes
     from truing.stages.power import chain_plan_of
 
     campaign = open_campaign(request.getfixturevalue(measured))
@@ -128,7 +128,7 @@ def test_a_drawn_campaign_can_be_written_and_diagnosed_as_measured(
     found = {}
     for name, effects in (("gain", (effect,)), ("none", ())):
         data = assembled_data(plan.drawn(effects, np.random.default_rng(5)), settings)
-        table = diagnosis_table(decided(data, settings, lambda *_: None), DetectionAdvice(shown=data.shown), 0.05)
+        table = diagnosis_table(search_causes(data, settings, lambda *_: None), DetectionAdvice(shown=data.shown), 0.05)
         # Over this range a gain and an error once per turn are nearly the same: the name may be open.
         reported = {"found", "alternative"}
         found[name] = [row for row in table.to_pylist() if reported & {row["verdict"], row["reason_code"]}]

@@ -122,7 +122,7 @@ def _without_times(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "expected"),
     [
         (_without("angular_arcsec"), "noise.angular_arcsec: expected one standard deviation of what rx, ry, rz will"),
         (_without("sensitivity_mv"), "signals.sensitivity_mv_per_n: expected a number, to draw the signals that"),
@@ -131,8 +131,8 @@ def _without_times(folder: Path) -> None:
         (_without_times, "row 2, column time_s: found ''; expected a number in every row"),
     ],
 )
-def test_a_plan_that_cannot_be_drawn_says_why(change: Callable[[Path], None], told: str, planned: Path) -> None:
+def test_a_plan_that_cannot_be_drawn_says_why(change: Callable[[Path], None], expected: str, planned: Path) -> None:
     change(planned)
     done = CliRunner().invoke(app, ["power", str(planned), "--draws", "0"])
     assert done.exit_code == 2, done.output
-    assert told in " ".join(done.output.split())
+    assert expected in " ".join(done.output.split())

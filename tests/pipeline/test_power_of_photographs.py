@@ -10,7 +10,7 @@ import pytest
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import CampaignFolder
 from truing.pipeline.power_command import of_photographs
-from truing.report.heads import meaning_of
+from truing.report.column_heads import meaning_of
 from truing.report.power_page import section_of_photographs
 from truing.schemas.artifacts import ARTIFACTS
 

@@ -40,7 +40,7 @@ def combinations(place: Path) -> pd.DataFrame:
     return pyarrow.csv.read_csv(place).to_pandas().fillna({"shown_at": ""})
 
 
-def test_structural_combinations_are_told_apart_from_those_that_other_poses_would_show(tmp_path: Path) -> None:
+def test_structural_combinations_are_distinguished_from_those_that_other_poses_would_show(tmp_path: Path) -> None:
     """Poses with a roll at rest hide what any other roll shows."""
     done = call(SAMPLE, "--uniqueness", "--out", tmp_path / "all.csv")
     assert done.exit_code == 0, done.output

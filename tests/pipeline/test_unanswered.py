@@ -12,9 +12,9 @@ from tests.sentences import assert_says
 from truing.pipeline.campaign_check import CampaignCheck, check_campaign
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.campaign_run import PROJECT
+from truing.pipeline.campaign_template import MARK
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.starter import MARK
 
 BENCH = PROJECT / "sample_data" / "force-sensor"
 LOADS = "t,x_displacement,y_displacement,x_force,y_force,z_force\n" + "".join(f"{k},{k},1,{k},0,0\n" for k in range(9))

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.pipeline.fake_project import STAGES, FakeProject
-from truing.pipeline.whole_file import write_atomically
+from truing.pipeline.atomic_file import write_atomically
 
 _PATIENCE_S = 60.0  # where other work shares the processor
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals and limits")

@@ -24,8 +24,8 @@ from truing.estimation.bundle.network import Bars, KnownPoints, Network, Network
 from truing.estimation.bundle.start_values import find_start
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.formats.faultlog import FaultLog
+from truing.formats.raw_tables import CAMERAS, IMAGE_POINTS, SCALE_BARS, RawTable
 from truing.formats.read import read_table
-from truing.formats.shapes import CAMERAS, IMAGE_POINTS, SCALE_BARS, TableShape
 from truing.formats.source import CampaignFiles
 from truing.schemas.campaign import read_campaign
 
@@ -115,7 +115,7 @@ _SIGNS = {"c": -1.0, "y0": -1.0, "B2": -1.0}
 _POWERS = {"c": 1, "x0": 1, "y0": 1, "A1": -2, "A2": -4, "B1": -1, "B2": -1}
 
 
-def read(shape: TableShape) -> dict[str, list[Any]]:
+def read(shape: RawTable) -> dict[str, list[Any]]:
     """The columns of one table of the network; raises CampaignFaults where a file is not as it should be."""
     document = {"campaign": {"name": "key", "kind": "photogrammetry"}, "files": _FILES}
     log = FaultLog()

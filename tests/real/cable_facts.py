@@ -50,7 +50,7 @@ def facts(folder: Path) -> dict[str, Any]:
         seen, chosen = knowledge(run, fits[poses])
         other = next(n for n in RUNS if n != poses)
         found[f"drives{poses}"] = fits[poses]
-        found[f"known{poses}"] = told(seen, chosen)
+        found[f"known{poses}"] = reported(seen, chosen)
         found[f"joints{poses}"] = joints(run, fits[poses], chosen)
         values = {"zeros": zeros(run), "drives": fits[poses]["values"], "joints": found[f"joints{poses}"]["values"]}
         found[f"heldout{other}"] = heldout(runs[other], values)
@@ -145,7 +145,7 @@ def knowledge(run: Run, of: dict[str, Any]) -> tuple[Observability, Observabilit
     return whole, choose_identifiable(J, scale / units, problem.labels, preference=late).observability
 
 
-def told(seen: Observability, chosen: Observability) -> dict[str, Any]:
+def reported(seen: Observability, chosen: Observability) -> dict[str, Any]:
     """Rank, the set, and what is hopeless, by name."""
     hopeless = replace(seen, least=1.0 / HOPELESS)
     groups = [pair for group in inseparable(hopeless) for pair in zip(group.texts, group.sigma, strict=True)]

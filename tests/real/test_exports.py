@@ -10,11 +10,11 @@ from tests.tolerance import assert_close
 from truing.formats.sniff import sniff_file
 
 
-def proposed(path, **told):
+def proposed(path, **reported):
     """A real file, read as it is proposed to be, where its body and pose are the only words of a person."""
     guess = sniff_file(path)
     entry = {key: value for key, value in guess.mapping.items() if key != "constants"}
-    found = read(path.parent, entries={"path": path.name, **entry, "constants": {"body": "b", **told}})
+    found = read(path.parent, entries={"path": path.name, **entry, "constants": {"body": "b", **reported}})
     assert found.faults == ()
     return guess, found
 

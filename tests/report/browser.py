@@ -103,7 +103,7 @@ class Browser:
         return result
 
     def wait_for(self, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """The first event that is wanted, told already or still to come."""
+        """The first event that is wanted, received already or still to come."""
         until, k = time.monotonic() + _PATIENCE_S, 0
         while True:
             if k == len(self.events):

@@ -19,10 +19,10 @@ from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
 from truing.report.diagnosis.next_steps import next_steps
 from truing.report.diagnosis.prediction_errors import errors_of_models
 from truing.report.first_screen import first_screen, sigma_of_rms
-from truing.report.head import build_head
 from truing.report.measured_section import campaign_span
 from truing.report.numbers import plain
 from truing.report.page import CampaignFacts, Depth, RawFileFacts, ReportSection, all_of
+from truing.report.page_head import build_head
 from truing.report.rendering.render import render_page
 from truing.report.scene.machine_drawing import _placed_labels, machine_drawing
 from truing.report.section_verdict import verdict_rows

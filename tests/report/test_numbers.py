@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truing.report.numbers import (
-    LEAST_P,
+    LEAST_PRINTED_P,
     count_text,
     duration,
     in_suitable_unit,
@@ -97,7 +97,7 @@ def test_a_missing_number_is_shown_as_a_dash():
 
 @given(st.floats(min_value=0.0, max_value=1.0))
 def test_every_form_of_a_probability_has_the_same_least_value(p: float) -> None:
-    least = p < LEAST_P
+    least = p < LEAST_PRINTED_P
     assert (p_value(p) == p_value(0.0)) == (p_at_most(p) == p_at_most(0.0)) == (p_equals(p) == p_equals(0.0)) == least
 
 

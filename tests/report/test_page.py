@@ -14,8 +14,8 @@ from plotly.offline import get_plotlyjs
 
 from tests.report.campaign_tables import campaign_tables
 from tests.sentences import assert_says
-from truing.report.head import build_head
 from truing.report.page import MOST_ROWS, Depth, all_of
+from truing.report.page_head import build_head
 from truing.report.rendering.render import embedded, file_name, render_page
 from truing.report.scene.scenes import pose_scene
 from truing.report.sections import build_sections

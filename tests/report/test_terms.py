@@ -13,8 +13,8 @@ from tests.report.calibration_tables import calibration_tables
 from tests.report.campaign_tables import campaign_tables
 from tests.report.explained import unexplained, unlinked
 from tests.report.test_page import Reader
+from truing.report.column_heads import Head, meaning_of
 from truing.report.glossary_section import glossary_section
-from truing.report.heads import Head, meaning_of
 from truing.report.page import ErrorChange, FirstScreen, Listing, PageHead, ReportSection, all_of
 from truing.report.rendering.render import render_page
 from truing.report.rendering.terms import AMBIGUOUS, marked

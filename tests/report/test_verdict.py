@@ -15,7 +15,7 @@ from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, ro
 from tests.sentences import assert_says
 from truing.belonging.relation import RelationState
 from truing.pipeline.campaign_run import verdict_line
-from truing.report.head import build_head
+from truing.report.page_head import build_head
 from truing.report.quality_section import quality_verdict
 from truing.report.rendering.render import render_page
 from truing.report.section_verdict import SectionVerdict, verdict_rows
@@ -38,8 +38,8 @@ def campaign(tables) -> SectionVerdict:
     return verdict_rows(with_verdict(tables))["campaign"]
 
 
-def checks(*told: tuple[str, str]) -> pd.DataFrame:
-    made_of = [(name, "base", 0.4, 0.3, "mm", verdict, f"{name} says so.", None) for name, verdict in told]
+def checks(*stated: tuple[str, str]) -> pd.DataFrame:
+    made_of = [(name, "base", 0.4, 0.3, "mm", verdict, f"{name} says so.", None) for name, verdict in stated]
     columns = ["check", "subject", "value", "limit", "unit", "verdict", "message", "accepted"]
     return pd.DataFrame(made_of, columns=columns)
 

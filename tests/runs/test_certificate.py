@@ -33,7 +33,7 @@ from truing.schemas.faults import CampaignFaults
 
 _NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 _TOML = (Path(__file__).parent / "certificate.toml").read_text()
-TOLD = Certificate.model_validate(tomllib.loads(_TOML)["certificate"])
+STATED = Certificate.model_validate(tomllib.loads(_TOML)["certificate"])
 # Folder of PTB's dcc.xsd 3.3.0 with all that it imports where it says: docs/how-to/certificate.md.
 SCHEMA = "TRUING_DCC_SCHEMA"
 
@@ -59,8 +59,8 @@ def _with(run: truing.Run, name: str, change: Any) -> truing.Run:
     return replace(run, _read={**run._read, name: changed.replace_schema_metadata(table.schema.metadata)})
 
 
-def _read(run: truing.Run, told: Certificate = TOLD) -> ElementTree.Element:
-    ((name, content),) = certificate(run, told)
+def _read(run: truing.Run, described: Certificate = STATED) -> ElementTree.Element:
+    ((name, content),) = certificate(run, described)
     assert name == "certificate.xml"
     return ElementTree.fromstring(content)
 
@@ -132,15 +132,15 @@ def test_the_certificate_keeps_the_rules_of_ptb_that_no_schema_states(run: truin
 
 
 def test_equal_runs_give_equal_certificates(run: truing.Run) -> None:
-    assert dict(certificate(run, TOLD)) == dict(certificate(run, TOLD))
+    assert dict(certificate(run, STATED)) == dict(certificate(run, STATED))
 
 
 @pytest.mark.skipif(SCHEMA not in os.environ, reason=f"{SCHEMA} names no folder with dcc.xsd of PTB, version 3.3.0")
 def test_the_certificate_is_valid_by_the_schema_of_ptb(run: truing.Run) -> None:
     etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
     schema = etree.XMLSchema(etree.parse(str(Path(os.environ[SCHEMA]) / "dcc.xsd")))
-    hostile = TOLD.model_copy(update={"number": "a\x00\x0b ]]> <b>\t&amp;\ud800"})
-    for reported in (TOLD, hostile):
+    hostile = STATED.model_copy(update={"number": "a\x00\x0b ]]> <b>\t&amp;\ud800"})
+    for reported in (STATED, hostile):
         ((_, content),) = certificate(run, reported)
         schema.assertValid(etree.fromstring(content))
 
@@ -169,7 +169,7 @@ def test_other_campaigns_and_failed_checks_are_refused(
     done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
     assert done.exit_code == ExitCode.FAILED_CHECK
     assert str(run["qa"]["check"][0]) in done.output
-    none = _with(run, "uncertainty", lambda told: told.assign(stated=False))
+    none = _with(run, "uncertainty", lambda described: described.assign(stated=False))
     with pytest.raises(CampaignFaults, match="results with an uncertainty"):
         certificate_files(none, campaign)
     file = campaign / "campaign.toml"
@@ -319,7 +319,7 @@ def test_estimate_and_uncertainty_end_at_the_same_place(value: float, uncertaint
 
 
 def test_a_certificate_shows_what_it_needs() -> None:
-    assert not list(TOLD.missing(temperature_known=False))
+    assert not list(STATED.missing(temperature_known=False))
     assert len(list(Certificate().missing(temperature_known=True))) == 14
     assert len(list(Certificate().missing(temperature_known=False))) == 16
-    assert TOLD.begin == date(2026, 11, 2)
+    assert STATED.begin == date(2026, 11, 2)

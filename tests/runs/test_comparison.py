@@ -136,7 +136,7 @@ def test_a_run_that_cannot_be_assessed_gives_the_reason(runs: Path, name: str, w
 
 
 @pytest.mark.parametrize(
-    ("names", "told"),
+    ("names", "expected"),
     [
         (("spring",), "expected two runs or more"),
         (("spring", "summer", "spring"), "spring: expected each run once"),
@@ -149,10 +149,10 @@ def test_a_run_that_cannot_be_assessed_gives_the_reason(runs: Path, name: str, w
         (("spring", "broken"), "broken: expected a model.toml that `truing run` has written"),
     ],
 )
-def test_runs_that_cannot_be_compared_are_a_fault(runs: Path, names: tuple[str, ...], told: str) -> None:
+def test_runs_that_cannot_be_compared_are_a_fault(runs: Path, names: tuple[str, ...], expected: str) -> None:
     code, _, errors = called(runs, *names)
     assert code == ExitCode.UNUSABLE_CAMPAIGN
-    assert told in errors
+    assert expected in errors
 
 
 @pytest.mark.slow

@@ -21,12 +21,12 @@ def _cut(name: str) -> Callable[[Path], object]:
     return lambda run: (run / name).write_bytes((run / name).read_bytes()[:-90])
 
 
-def _telling(**told: str) -> Callable[[Path], object]:
+def _telling(**stated: str) -> Callable[[Path], object]:
     """Quality checks that tell other things of their origin; an empty word takes one away."""
 
     def change(run: Path) -> None:
         table = pq.read_table(run / "qa.parquet")
-        more = {f"truing.{name}".encode(): word.encode() for name, word in told.items()}
+        more = {f"truing.{name}".encode(): word.encode() for name, word in stated.items()}
         metadata = {**table.schema.metadata, **more}
         kept = {name: word for name, word in metadata.items() if word}
         pq.write_table(table.replace_schema_metadata(kept), run / "qa.parquet")

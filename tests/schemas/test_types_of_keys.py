@@ -139,7 +139,7 @@ def test_every_key_is_of_a_kind_that_is_tried_here() -> None:
 
 
 @pytest.mark.parametrize(
-    ("section", "told"),
+    ("section", "expected"),
     [
         ({"noise": {"point_mm": True}}, "noise.point_mm: found 'true'; expected a number, without quotation marks"),
         ({"noise": {"point_mm": "0.005"}}, "found '\"0.005\"'; expected a number, without quotation marks"),
@@ -154,10 +154,10 @@ def test_every_key_is_of_a_kind_that_is_tried_here() -> None:
         ({"exclude": [{"pose": "P\n7", "by": "me", "reason": "x"}]}, "exclude.1.pose: found 'P\\n7'; expected text"),
     ],
 )
-def test_the_fault_says_what_stands_there_as_toml_writes_it(section: dict[str, Any], told: str) -> None:
+def test_the_fault_says_what_stands_there_as_toml_writes_it(section: dict[str, Any], expected: str) -> None:
     with pytest.raises(CampaignFaults) as caught:
         read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, **section})
-    assert any(told in str(fault) for fault in caught.value.faults), [str(f) for f in caught.value.faults]
+    assert any(expected in str(fault) for fault in caught.value.faults), [str(f) for f in caught.value.faults]
 
 
 def test_joints_have_a_workspace_on_chains_only() -> None:

@@ -59,12 +59,12 @@ def test_cells_without_legs_of_their_own_have_no_type_1_and_2_errors(made: Made)
 
 def test_the_chain_of_the_cells_gives_leg_forces_their_uncertainty(made: Made) -> None:
     """Eq. 33 and 34: G_B' = k / c G_B, its cells drawn within their tolerance."""
-    (value, sigma), (reported, told_sigma) = _matrix(made[1], "G_B"), _matrix(made[1], "G_B'")
+    (value, sigma), (reported, stated_sigma) = _matrix(made[1], "G_B"), _matrix(made[1], "G_B'")
     np.testing.assert_allclose(reported, value * MV_PER_N, rtol=1e-9)
     rng, draws = np.random.default_rng(2), 20_000
     cells = MV_PER_N * (1 + OUTPUT_SIGMA / OUTPUT * rng.normal(size=(draws, 1, 8)))
     drawn = (value + sigma * rng.normal(size=(draws, 6, 8))) * cells
-    np.testing.assert_allclose(told_sigma, drawn.std(0), rtol=4.5 / np.sqrt(2 * draws))
+    np.testing.assert_allclose(stated_sigma, drawn.std(0), rtol=4.5 / np.sqrt(2 * draws))
 
 
 def test_wrenches_of_new_signals_cover_the_truth(made: Made, tmp_path: Path) -> None:

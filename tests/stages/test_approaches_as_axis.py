@@ -16,7 +16,7 @@ from truing.inference.selection import CauseDiagnosis
 from truing.schemas.campaign import read_campaign
 from truing.schemas.settings_text import parsed_toml
 from truing.stages.common.approaches import axis_of_approaches, has_only_approaches, noise_mm
-from truing.stages.diagnosis.search import assembled_data, cause_faults, decided
+from truing.stages.diagnosis.search import assembled_data, cause_faults, search_causes
 
 SETTINGS = """
 [campaign]
@@ -63,7 +63,7 @@ def _sorted(table: pa.Table) -> pa.Table:
 
 def _diagnosed(table: pa.Table) -> CauseDiagnosis:
     tables, settings = axis_of_approaches({"positions": table}, read_campaign(parsed_toml(SETTINGS)))
-    return decided(assembled_data(tables, settings), settings, lambda done, total, what: None)
+    return search_causes(assembled_data(tables, settings), settings, lambda done, total, what: None)
 
 
 def _found(diagnosis: CauseDiagnosis) -> dict[str, tuple[float, float]]:
@@ -167,7 +167,7 @@ def test_a_cause_of_an_axis_can_be_ignored() -> None:
     assert not list(cause_faults(settings, "campaign.toml"))
     table = Axis(backlash=5e-4).measured(np.random.default_rng(5))
     tables, own = axis_of_approaches({"positions": table}, settings)
-    diagnosis = decided(assembled_data(tables, own), own, lambda done, total, what: None)
+    diagnosis = search_causes(assembled_data(tables, own), own, lambda done, total, what: None)
     assert "lost-motion" not in {verdict.cause.id for verdict in diagnosis.verdicts}
 
 

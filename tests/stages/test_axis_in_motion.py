@@ -13,7 +13,7 @@ from truing.schemas.settings_text import parsed_toml
 from truing.simulation.axis.causes import AxisScene
 from truing.simulation.axis.reading_lag import AxisReadingLag
 from truing.simulation.axis.rows import LINEAR, Axis, AxisRows
-from truing.stages.diagnosis.search import assembled_data, decided
+from truing.stages.diagnosis.search import assembled_data, search_causes
 
 SETTINGS = """
 [campaign]
@@ -50,7 +50,7 @@ def _diagnosed(speeds: tuple[float, ...], lag_s: float, backlash_mm: float) -> C
     columns = {"time_s": time, "command_mm": command, "measured_mm": measured}
     rows = {"pose": np.arange(len(time)), "role": ["calibration"] * len(time), **columns}
     settings = read_campaign(parsed_toml(SETTINGS))
-    return decided(assembled_data({"configurations": pa.table(rows)}, settings), settings, lambda *_: None)
+    return search_causes(assembled_data({"configurations": pa.table(rows)}, settings), settings, lambda *_: None)
 
 
 def _of_verdict(diagnosis: CauseDiagnosis, verdict: str) -> dict[str, tuple[float, float]]:

@@ -20,7 +20,7 @@ from truing.schemas.campaign import read_campaign
 from truing.schemas.settings_text import parsed_toml
 from truing.stages.axis.positioning import positioning_rows, with_axis_positioning
 from truing.stages.common.axis_columns import columns_of
-from truing.stages.common.axis_prospects import IN_MOTION, prospects
+from truing.stages.common.evaluable_axis_stages import IN_MOTION, prospects
 from truing.stages.declaration import Outcome
 
 TARGETS = (-40.0, 0.0, 40.0)
@@ -170,8 +170,8 @@ def test_an_axis_recorded_in_motion_is_no_test_by_the_standard(period_s: float, 
     outcome = with_axis_positioning(without, tables, settings, "")
     assert outcome.why_not == why
     assert bool(outcome.artifacts["positioning"].num_rows) is not bool(why)
-    told = {name: reported for name, reported, _ in prospects(settings, tables)}
-    assert told["deformation"] == why
+    stated = {name: reported for name, reported, _ in prospects(settings, tables)}
+    assert stated["deformation"] == why
 
 
 def test_the_page_says_that_an_axis_was_recorded_in_motion() -> None:

@@ -66,7 +66,7 @@ def test_a_forearm_of_other_length_is_identified_and_predicted(tmp_path: Path) -
     known = pq.read_table(f"{folder}.run/chain_parameters.parquet").to_pylist()
     row = next(row for row in known if row["joint"] == "length_3" and row["parameter"] == "dz")
     assert abs(row["identified"] + 0.4) < 4.0 * row["sigma"]
-    assert abs(row["identified"]) > 3.0 * row["sigma"], "the length is told from zero"
+    assert abs(row["identified"]) > 3.0 * row["sigma"], "the length is distinguished from zero"
     _assert_predicted(folder, robot)
 
 

@@ -188,7 +188,7 @@ def test_the_walk_quotes_the_first_line_of_the_page(tables: dict[str, Any]) -> N
     page = force_sensor_campaign.PAGE.read_text(encoding="utf-8")
     lines = force_sensor_campaign.first_lines(force_sensor_campaign.frames_of(tables)).splitlines()
     reported = shown(page, "first").splitlines()
-    # What it brings is told in um or in arcsec: the offset shows in both alike.
+    # Its gain is reported in um or in arcsec: the offset shows in both alike.
     assert_shown(reported[0].partition(";")[0], lines[0].partition(";")[0], rel=0.1)
     assert lines[2] in reported
 

@@ -18,9 +18,9 @@ from tests.blind.generator.effects import ActuatorGain as HiddenGain
 from tests.report.explained import unexplained
 from tests.sensor_campaign import SIGNAL_MV
 from tests.sentences import assert_says
+from tests.stages.axis_campaigns import HIDDEN, axis_layout
 from tests.stages.diagnosis.test_signals_alone import exchange, signals
 from tests.stages.line import run_line, settings_of
-from tests.stages.test_axis import HIDDEN, _layout
 from tests.stages.two_campaigns import fitted, gathered, measured
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app
@@ -183,7 +183,7 @@ def test_the_main_results_of_a_machine_are_those_of_the_chosen_calibration_until
     ],
 )  # fmt: skip
 def test_a_name_that_is_no_cause_is_a_fault_with_what_was_meant(tmp_path: Path, lines: str, said: str) -> None:
-    folder = write(record(_layout(), HIDDEN, np.random.default_rng(5)), tmp_path / "c")
+    folder = write(record(axis_layout(), HIDDEN, np.random.default_rng(5)), tmp_path / "c")
     file = folder / "campaign.toml"
     file.write_text(f"{file.read_text()}\n[diagnosis]\n{lines}\n")
     with pytest.raises(CampaignFaults, match="diagnosis"):
@@ -195,7 +195,7 @@ def test_a_name_that_is_no_cause_is_a_fault_with_what_was_meant(tmp_path: Path, 
 
 
 def test_the_page_of_a_run_shows_what_was_asked_of_causes(tmp_path: Path) -> None:
-    folder = write(record(_layout(), HIDDEN, np.random.default_rng(5)), tmp_path / "c")
+    folder = write(record(axis_layout(), HIDDEN, np.random.default_rng(5)), tmp_path / "c")
     file = folder / "campaign.toml"
     asked = 'apply = ["scale-error", "zero-shift"]\nignore = ["lost-motion"]'
     file.write_text(f"{file.read_text()}\n[diagnosis]\n{asked}\n")

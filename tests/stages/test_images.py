@@ -159,7 +159,7 @@ def test_invalid_settings_are_faults(folder, section, expected):
 
 
 @pytest.mark.parametrize(
-    ("told", "codes", "circles"),
+    ("reported", "codes", "circles"),
     [
         ({}, USUAL, True),
         ({"boards": [{"kind": "chessboard", "columns": 5, "rows": 4}]}, (), False),
@@ -168,9 +168,9 @@ def test_invalid_settings_are_faults(folder, section, expected):
         ({"uncoded": False}, USUAL, False),
     ],
 )
-def test_where_boards_alone_are_asked_for_their_markers_are_no_codes(told, codes, circles) -> None:
+def test_where_boards_alone_are_asked_for_their_markers_are_no_codes(reported, codes, circles) -> None:
     head = {"campaign": {"name": "x", "kind": "photogrammetry"}}
-    settings = read_campaign({**head, "photographs": told})
+    settings = read_campaign({**head, "photographs": reported})
     plan = target_plan(settings.photographs, None)
     assert plan.rings == tuple(code for code in codes if code in RINGS)
     assert plan.markers == tuple(code for code in codes if code in MARKERS)

@@ -120,7 +120,7 @@ def touched(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def test_an_effect_of_few_load_steps_is_used_and_a_slip_beside_it_is_left_out(touched: Any) -> None:
-    """Three load steps of 65 show it, and no cause describes it: what they share is told."""
+    """Three load steps of 65 show it, and no cause describes it: their common part is reported."""
     kept = touched.tables["calibration_kept"].to_pandas()
     steps = np.flatnonzero(_are_touched(_loads())).tolist()
     assert len(steps) >= 3

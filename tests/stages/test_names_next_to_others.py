@@ -1,4 +1,4 @@
-"""A name that rivals contest before other causes are known is told with certainty once these are in the model."""
+"""A name that rivals contest before other causes are known is reported with certainty once these are in the model."""
 
 from __future__ import annotations
 

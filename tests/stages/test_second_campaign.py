@@ -18,9 +18,9 @@ from tests.blind.generator.sensor.effects import LoadEccentricity as HiddenEccen
 from tests.faults import assert_fault, faults_of
 from tests.report.explained import unexplained
 from tests.sentences import assert_says
+from tests.stages.axis_campaigns import BACKLASH, HIDDEN, axis_layout
 from tests.stages.benches import bench, layout
 from tests.stages.line import run_line, settings_of
-from tests.stages.test_axis import BACKLASH, HIDDEN, _layout
 from tests.stages.two_campaigns import fitted, gathered, measured, model_text
 from truing.estimation.sensor.contenders import contenders
 from truing.pipeline.campaign_check import check_campaign
@@ -177,7 +177,7 @@ def test_a_calibration_needs_of_the_next_series_what_it_follows(tmp_path: Path) 
 
 
 def _axis(folder: Path, seed: int, judge_on: str | None = None, **changes: object) -> Path:
-    write(record(_layout(**changes), HIDDEN[:1], np.random.default_rng(seed)), folder)
+    write(record(axis_layout(**changes), HIDDEN[:1], np.random.default_rng(seed)), folder)
     if judge_on is not None:
         file = folder / "campaign.toml"
         file.write_text(f'{file.read_text()}\n[diagnosis]\njudge_on = "{judge_on}"\n')

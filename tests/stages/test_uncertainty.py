@@ -160,7 +160,7 @@ def test_errors_of_signals_and_of_loads_each_do_to_a_calibration_what_is_stated(
         assert abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / (draws * len(stated)))
 
 
-def test_loads_told_by_one_reading_err_as_far_as_is_stated(sensor: Frames) -> None:
+def test_loads_from_one_reading_err_as_far_as_is_stated(sensor: Frames) -> None:
     """The rms error of 102 held-out readings, nearly all of it their own noise, is that of a reading as stated."""
     stated, _ = _of(sensor, "load")
     held, _ = _of(sensor, "accuracy")

@@ -14,7 +14,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import published_moves
 from tests.stages.line import run_line
-from truing.report.head import build_head
+from truing.report.page_head import build_head
 from truing.schemas.campaign import read_campaign
 from truing.schemas.quality_checks import CHECKS, WITHHOLDING
 from truing.stages import calibrate, deformation, diagnose, pose

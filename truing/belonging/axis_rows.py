@@ -121,7 +121,7 @@ def _longest_run(equal: Mask) -> tuple[int, int]:
 
 
 def other_order(command: Array, reading: Array) -> bool:
-    """Whether readings (N,) are those of the commands (N,) in other rows, as where one of two columns was sorted."""
+    """True if readings (N,) belong to the commands (N,) of other rows, as where one of two columns was sorted."""
     limit = _NEAR * float(np.ptp(command))
     if len(command) < _FEWEST_SCATTERED or not limit > 0.0:
         return False

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.calibration.calibration_input import MeasuredPlatform, under_load
-from truing.calibration.calibration_question import common_effects, independent_covariance, is_deformation, with_common
+from truing.calibration.estimation_problem import common_effects, independent_covariance, is_deformation, with_common
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.estimation.held_out import Contender, ContenderChoice, choose_model, held_out_misfit
 from truing.estimation.interval import Interval

@@ -53,8 +53,8 @@ def tip_sight(poses: PlannedPoses) -> TipSight:
     predicted = model.predict(np.zeros(model.shared_size), local)
     if predicted.values.shape[-1] != 3:
         raise ValueError("measured points or poses of the tip: distances alone do not show its errors by component")
-    carriers = np.array([_carrier(model.tree, int(k)) for k in model.channels.node])
-    on_tip = carriers == _carrier(model.tree, model.known.payload[0])
+    carriers = np.array([model.tree.moving_node(int(k)) for k in model.channels.node])
+    on_tip = carriers == model.tree.moving_node(model.known.payload[0])
     if not on_tip.any():
         raise ValueError("measured points or poses of the tip, or of a link that moves with it")
     places = model.points(np.zeros(model.shared_size), local)
@@ -94,13 +94,6 @@ def _motion(places: NDArray, turned: Mask, chosen: Mask, centre: NDArray) -> tup
     known = np.array([True] * 3 + [turns] * 3)
     flat = by.reshape(count, -1, TWIST) * known
     return np.asarray(np.linalg.pinv(flat)), known
-
-
-def _carrier(tree: Tree, node: int) -> int:
-    """Return the nearest node from here down that moves; 0 for links of the base."""
-    while tree.nodes[node].kind is JointKind.FIXED and tree.nodes[node].parent >= 0:
-        node = tree.nodes[node].parent
-    return node
 
 
 def covered(variance: NDArray) -> Array:

@@ -40,7 +40,7 @@ _MM = 1e-3
 # Candidates that exchanges try: those to which the best design is most sensitive.
 _POOL = 240
 _STARTS = 1
-_MOST_TOLD = 3  # poses that are named for one combination
+_MOST_NAMED = 3  # poses that are named for one combination
 # Share of an effect's square below which the plain unknowns absorb it.
 _LEAST_VISIBLE = 1e-8
 
@@ -73,7 +73,7 @@ class PlannedPoses:
 
 
 class UnknownKind(StrEnum):
-    """What an unknown of a chain describes."""
+    """Kind of an unknown of a chain."""
 
     BASE = "base"
     LINK = "link"
@@ -177,7 +177,7 @@ def _angle_of(model: ChainModel, w: int, k: int) -> float:
 
 
 class Remedy(StrEnum):
-    """What would show a hidden combination or separate two causes."""
+    """Measurement that would show a hidden combination or separate two causes."""
 
     POSES = "other poses"
     PAYLOAD = "another payload"
@@ -239,7 +239,7 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
         sigma = 1.0 / sight if sight > observability.rounding else np.inf
         if float(every.sensitivity(direction)) > every.least:
             fitted = replace(offered, fitted=Fitted(poses.model, np.zeros(len(turn)), covariance))
-            choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_TOLD)
+            choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_NAMED)
             if choice.is_enough:
                 combinations.append(HiddenCombination(text, sigma, Remedy.POSES, changes, choice.chosen, choice.times))
                 continue
@@ -264,8 +264,8 @@ def _knowledge_that_shows(observability: Observability, unknowns: Sequence[Chain
 
 @dataclass(frozen=True)
 class CauseSight:
-    """What poses show of a cause: standard deviation (P,) of its parameters, in plausible scales, and the share of its
-    square that the chain's own unknowns do not absorb; ``left`` (N, P): what they leave, whitened."""
+    """Information of poses on a cause: standard deviation (P,) of its parameters, in plausible scales, and the share of
+    its square that the chain's own unknowns do not absorb; ``left`` (N, P): what they leave, whitened."""
 
     cause: ChainCause
     sigma: Array
@@ -274,7 +274,7 @@ class CauseSight:
 
     @property
     def signal(self) -> float:
-        """What is left of an effect of plausible size, in sigma of the data."""
+        """Signal of an effect of plausible size that remains after the fit, in sigma of the data."""
         return float(np.linalg.norm(self.left))
 
 

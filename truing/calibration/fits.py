@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
-from truing.calibration.calibration_question import (
-    CalibrationQuestion,
+from truing.calibration.estimation_problem import (
     Case,
+    EstimationProblem,
     common_effects,
     free,
     independent_covariance,
     observation_covariance,
     problem_of,
-    question,
+    problem_with_all_parameters,
     survey_rows,
     tolerances,
     widest,
@@ -99,22 +99,22 @@ def maximum_likelihood(
 ) -> MachineCalibration:
     """Return the calibration by errors in variables over the poses kept (B,), with tolerances and surveys as prior."""
     used = fitted.subset(chosen)
-    calibration_question = question(data, used, case)
-    fit = fit_question(calibration_question, robust=False)
+    estimation = problem_with_all_parameters(data, used, case)
+    fit = fit_problem(estimation, robust=False)
     # All models are compared on the same data: poses, readings, and the deformation from the targets.
-    evidence, count = _log_evidence(fit, calibration_question.prior), calibration_question.count
-    if (more := with_targets(calibration_question, data, used, case)) is not None:
-        fit = fit_question(more, fit.values[:count], robust=False)
-    covariance = _enlarged_covariance(data, fit, calibration_question)
-    tolerance = (more or calibration_question).tolerance
-    known = np.where(np.isfinite(tolerance), tolerance, widest(calibration_question.problem.parameters))
-    last = len(fit.values) - calibration_question.common
+    evidence, count = _log_evidence(fit, estimation.prior), estimation.count
+    if (more := with_targets(estimation, data, used, case)) is not None:
+        fit = fit_problem(more, fit.values[:count], robust=False)
+    covariance = _enlarged_covariance(data, fit, estimation)
+    tolerance = (more or estimation).tolerance
+    known = np.where(np.isfinite(tolerance), tolerance, widest(estimation.problem.parameters))
+    last = len(fit.values) - estimation.common
     indices = np.r_[:count, last : len(fit.values)]
     return MachineCalibration(
         case,
         MAXIMUM_LIKELIHOOD,
-        replace(calibration_question.problem, common=None),
-        calibration_question.problem.start[:count],
+        replace(estimation.problem, common=None),
+        estimation.problem.start[:count],
         fit.values[:count],
         covariance,
         fit.covariance[:count, :count],
@@ -130,38 +130,30 @@ def maximum_likelihood(
     )
 
 
-def _enlarged_covariance(
-    data: CalibrationData, fit: ErrorsInVariablesFit, calibration_question: CalibrationQuestion
-) -> NDArray:
+def _enlarged_covariance(data: CalibrationData, fit: ErrorsInVariablesFit, estimation: EstimationProblem) -> NDArray:
     """Return the covariance (P, P) of the machine's parameters, enlarged where more noise was found than declared. The
     survey of the attachments is part of the prior, but was taken by the same instrument, so it is enlarged as well."""
     excess = max(fit.noise_ratio, 1.0)
     if data.surveyed is None or not np.isfinite(excess):
-        return fit.covariance_at(excess if np.isfinite(excess) else 1.0)[
-            : calibration_question.count, : calibration_question.count
-        ]
-    rows = survey_rows(data.surveyed, calibration_question.problem.parameters)
+        return fit.covariance_at(excess if np.isfinite(excess) else 1.0)[: estimation.count, : estimation.count]
+    rows = survey_rows(data.surveyed, estimation.problem.parameters)
     surveyed = np.zeros_like(fit.information)
-    surveyed[: calibration_question.count, : calibration_question.count] = rows.T @ np.linalg.solve(
-        data.surveyed.covariance, rows
-    )
+    surveyed[: estimation.count, : estimation.count] = rows.T @ np.linalg.solve(data.surveyed.covariance, rows)
     information = (fit.information + surveyed) / excess**2 + fit.prior.information - surveyed
-    return np.linalg.inv(information)[: calibration_question.count, : calibration_question.count]
+    return np.linalg.inv(information)[: estimation.count, : estimation.count]
 
 
-def fit_question(
-    calibration_question: CalibrationQuestion, start: NDArray | None = None, *, robust: bool
-) -> ErrorsInVariablesFit:
-    """Return the fit of a question, started from the machine's parameters (P,) in ``start`` or from the
+def fit_problem(estimation: EstimationProblem, start: NDArray | None = None, *, robust: bool) -> ErrorsInVariablesFit:
+    """Return the fit of a problem, started from the machine's parameters (P,) in ``start`` or from the
     nominal ones."""
-    values = calibration_question.problem.start
+    values = estimation.problem.start
     if start is not None:
         values = np.concatenate([start, values[len(start) :]])
     return fit_errors_in_variables(
-        calibration_question.problem.constrain,
-        calibration_question.noise,
+        estimation.problem.constrain,
+        estimation.noise,
         values,
-        calibration_question.prior,
+        estimation.prior,
         robust=robust,
     )
 

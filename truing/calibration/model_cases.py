@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from truing.calibration.accuracy import AssessedCalibration, misfit, pose_errors
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance
-from truing.calibration.calibration_question import Case, nothing_open, question, with_targets
-from truing.calibration.fits import MachineCalibration, fit_question, implicit, maximum_likelihood
+from truing.calibration.estimation_problem import Case, nothing_open, problem_with_all_parameters, with_targets
+from truing.calibration.fits import MachineCalibration, fit_problem, implicit, maximum_likelihood
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.legs.kinematics import upper_joints
 
@@ -52,11 +52,11 @@ def screened(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> Scr
 
     Mismeasured poses are rare: if many disagree, the model is wrong and all poses are kept.
     """
-    calibration_question = question(data, fitted, case)
-    fit = fit_question(calibration_question, robust=True)
-    measured, legs = _without_bad_legs(calibration_question.problem, fit.values, fitted)
-    if (more := with_targets(calibration_question, data, measured, case)) is not None:
-        fit = fit_question(more, fit.values[: calibration_question.count], robust=True)
+    estimation = problem_with_all_parameters(data, fitted, case)
+    fit = fit_problem(estimation, robust=True)
+    measured, legs = _without_bad_legs(estimation.problem, fit.values, fitted)
+    if (more := with_targets(estimation, data, measured, case)) is not None:
+        fit = fit_problem(more, fit.values[: estimation.count], robust=True)
     is_used = fit.weight > 0
     return ScreenedPoses(measured, is_used if np.mean(~is_used) <= _MOST_BAD_POSES else np.ones_like(is_used), legs)
 

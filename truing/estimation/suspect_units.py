@@ -24,7 +24,7 @@ _FAR_SHARE = 0.1  # share of the unit changes that may coincide with a true step
 _FEWEST = 6
 _FLOOR_K = 0.2  # K, agreement of two thermometers, or of one before and after
 _MOST_PLACES = 4
-SECONDS = {"d": 86400.0, "h": 3600.0, "min": 60.0, "ms": 1e-3, "us": 1e-6, "100 ns": 1e-7, "ns": 1e-9}
+SECONDS_PER_UNIT = {"d": 86400.0, "h": 3600.0, "min": 60.0, "ms": 1e-3, "us": 1e-6, "100 ns": 1e-7, "ns": 1e-9}
 _SINCE_EPOCH = {"ms": (1e12, 2.5e12), "us": (1e15, 2.5e15), "ns": (1e18, 2.5e18), "100 ns": (6.2e17, 6.6e17)}
 _DAY_NUMBERS = ((20_000.0, 80_000.0), (710_000.0, 760_000.0))  # day numbers of present dates in Excel and in MATLAB
 _RATES_HZ = (10, 20, 25, 30, 50, 60, 100, 120, 200, 240, 250, 300, 500, 1000)  # common rates of cameras and controllers
@@ -175,8 +175,8 @@ def _rounding(value: Array) -> float:
 
 @dataclass(frozen=True)
 class MistakenTimes:
-    """unit: likely unit of the times, a key of SECONDS; pace: median from row to row as recorded; others: units that
-    are as possible."""
+    """unit: likely unit of the times, a key of SECONDS_PER_UNIT; pace: median from row to row as recorded; others:
+    units that are as possible."""
 
     unit: str
     pace: float
@@ -213,8 +213,8 @@ def mistaken_times(time: Array, run: Index | None = None) -> MistakenTimes | Non
 
 def _likeliest_unit(pace: float, units: tuple[str, ...]) -> MistakenTimes | None:
     """Return the unit in which a pace is closest to the usual one, among the plausible units."""
-    likely = [unit for unit in units if _LIKELY_S[0] <= pace * SECONDS[unit] <= _LIKELY_S[1]]
-    likely.sort(key=lambda unit: abs(np.log(pace * SECONDS[unit] / _USUAL_S)))
+    likely = [unit for unit in units if _LIKELY_S[0] <= pace * SECONDS_PER_UNIT[unit] <= _LIKELY_S[1]]
+    likely.sort(key=lambda unit: abs(np.log(pace * SECONDS_PER_UNIT[unit] / _USUAL_S)))
     return MistakenTimes(likely[0], pace, tuple(likely[1:])) if likely else None
 
 

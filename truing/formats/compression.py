@@ -26,7 +26,7 @@ class Refused(Exception):
 
 
 DAMAGED = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile, zipfile.BadZipFile, Refused)
-"""What reading a truncated, damaged or refused compressed file raises."""
+"""Errors of reading a truncated, damaged or refused compressed file."""
 
 _MAGIC: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\x00": lzma.open}
 _ZIP = (b"PK\x03\x04", b"PK\x05\x06")  # the second: an empty archive

@@ -32,7 +32,7 @@ from truing.formats.numbers import Notation
 from truing.formats.origins import Constant, Joined, PatternGroup, RawColumn, RowNumber, Spread, joined_by
 from truing.formats.patterns import bounded
 from truing.formats.raw import RawBatch
-from truing.formats.shapes import COORDINATES
+from truing.formats.raw_tables import COORDINATES
 from truing.schemas.column import LARGEST, Column
 from truing.schemas.mapping import RawValue
 from truing.schemas.near_names import mistyped_name

@@ -15,8 +15,8 @@ import pyarrow as pa
 from truing.arrays import Index, Mask
 from truing.schemas.faults import CampaignFaults, Fault
 
-SHOWN = 3
-"""How many faults of one kind are listed one by one."""
+MOST_LISTED = 3
+"""Largest number of faults of one kind that are listed one by one."""
 Records = Index
 _NUMBER = re.compile(r"[-+\d.,' ]{0,30}([eE][-+]?\d{1,3})?|[-+]?(nan|inf)", re.IGNORECASE)
 _COUNT = re.compile(r"\d{1,18} (bytes|cells|columns|files|frames|labels|lines|numbers|points|rows|vertices)")
@@ -39,7 +39,7 @@ class CellFaults:
     ) -> CellFaults:
         """Return the faults at the rows of a mask; ``values``: content of these cells."""
         rows = np.flatnonzero(mask)
-        cells = tuple((int(records[row]), _cell_text(values, int(row))) for row in rows[:SHOWN])
+        cells = tuple((int(records[row]), _cell_text(values, int(row))) for row in rows[:MOST_LISTED])
         return cls(expected, column, cells, len(rows))
 
     def changed(self, change: Callable[[int, str | None], tuple[int, str | None]]) -> CellFaults:
@@ -97,7 +97,7 @@ class FaultLog:
         kind = self._cells.setdefault((file, faults.column, faults.expected), _Kind())
         kind.count += faults.count
         self._locate[file] = locate
-        for record, value in faults.cells[: SHOWN - len(kind.first)]:
+        for record, value in faults.cells[: MOST_LISTED - len(kind.first)]:
             kind.first.append((record, Fault(file, faults.expected, column=faults.column, value=value)))
 
     def faults(self) -> tuple[Fault, ...]:
@@ -133,7 +133,7 @@ def _missing_value_fault(key: str, what: str, files: list[str]) -> Fault:
 
 
 def _with_count_of_rest(faults: list[Fault], count: int) -> list[Fault]:
-    shown = faults[:SHOWN]
+    shown = faults[:MOST_LISTED]
     if count > len(shown):
         shown[-1] = replace(shown[-1], more=count - len(shown))
     return shown

@@ -38,7 +38,7 @@ _TURNED = {
     8: "on its side",
 }
 NO_IMAGE = (SyntaxError, ValueError, KeyError, TypeError, IndexError, EOFError, OverflowError, struct.error, OSError)
-"""What reading a damaged photograph raises."""
+"""Errors of reading a damaged photograph."""
 _DAMAGED = "an undamaged photograph; this one is damaged or ends early"
 
 

@@ -25,7 +25,7 @@ from truing.formats.origins import (
 )
 from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
-from truing.formats.shapes import COORDINATES, LOADS_APART, MEASURED_APART, TableShape
+from truing.formats.raw_tables import COORDINATES, LOADS_APART, MEASURED_APART, RawTable
 from truing.formats.units import (
     UnknownUnit,
     conversion,
@@ -64,7 +64,7 @@ class MappingPlan:
     """A mapping prepared for one file with columns ``names``: the origin of each column of the table."""
 
     entry: FileMapping
-    shape: TableShape
+    shape: RawTable
     file_name: str
     names: tuple[str, ...]
     preset: frozenset[str] = frozenset()

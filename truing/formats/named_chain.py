@@ -12,7 +12,7 @@ from truing.arrays import Array
 from truing.formats.guess import MappingKeys, wide_template
 from truing.formats.named_columns import place_columns
 from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints, joint_columns
-from truing.formats.shapes import COORDINATES
+from truing.formats.raw_tables import COORDINATES
 from truing.formats.units import bare_and_unit
 
 LINK = "tip"  # last link of rows of Denavit and Hartenberg

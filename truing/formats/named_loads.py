@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from truing.formats.guess import Guess, MappingKeys
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 from truing.formats.units import bare_and_unit, known_unit, may_be
 from truing.schemas.columns import find_column
 

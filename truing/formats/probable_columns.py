@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Sequence
 
 from truing.formats.guess import MappingKeys
-from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
+from truing.formats.raw_tables import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.units import bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import is_uncertainty

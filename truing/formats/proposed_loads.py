@@ -9,7 +9,7 @@ import numpy as np
 from truing.arrays import Array
 from truing.formats.guess import Guess, MappingKeys, OtherWay
 from truing.formats.named_loads import LoadMapping
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 
 _SAMPLES = 10  # rows per load from which on they are probably samples of one load step
 

@@ -15,7 +15,7 @@ from truing.formats.named_chain import LINK, ChainRows, controller_columns, is_w
 from truing.formats.named_columns import SHIFTS, PoseMapping, poses_side_by_side
 from truing.formats.named_joints import JointReadings, configurations_of_joints
 from truing.formats.probable_columns import columns_by_names
-from truing.formats.shapes import COORDINATES
+from truing.formats.raw_tables import COORDINATES
 from truing.formats.units import bare_and_unit
 
 _SEVERAL = 2

@@ -13,8 +13,8 @@ from truing.arrays import Array, Index
 from truing.formats.faultlog import CellFaults, Records
 
 Kind = Literal["number", "seconds", "identifier", "text"]
-"""How a raw column is wanted: float64 if all its cells are plain numbers (``seconds``: or moments), int64 if all are
-integers, or as text."""
+"""Requested type of a raw column: float64 if all its cells are plain numbers (``seconds``: or moments), int64 if all
+are integers, or as text."""
 Wanted = Callable[[tuple[str, ...], str | None], Mapping[int, Kind] | None]
 """Given the names of a file's columns, and the unit of its coordinates where the file states one: which positions to
 read, and as what; None where the file is of no use."""

@@ -18,7 +18,7 @@ from truing.formats.origins import RowCount, is_side_by_side
 from truing.formats.patterns import TooSlow
 from truing.formats.presets import added_format, format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
-from truing.formats.shapes import TableShape
+from truing.formats.raw_tables import RawTable
 from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
 from truing.schemas.faults import Fault
@@ -134,7 +134,7 @@ class FileRows:
 
 
 def read_table(
-    source: CampaignFiles, shape: TableShape, log: FaultLog, *, poses_as_text: bool = False
+    source: CampaignFiles, shape: RawTable, log: FaultLog, *, poses_as_text: bool = False
 ) -> Iterator[tuple[FileRows, TableBatch]]:
     """Yield the rows of a table, batch by batch, in the order of the mapping's entries and files.
 
@@ -163,7 +163,7 @@ def prefetched(items: Iterator[T]) -> Iterator[T]:
             yield item
 
 
-def _files(source: CampaignFiles, shape: TableShape, entry: FileMapping, log: FaultLog) -> Iterator[RawFile]:
+def _files(source: CampaignFiles, shape: RawTable, entry: FileMapping, log: FaultLog) -> Iterator[RawFile]:
     for pattern in entry.paths:
         matching_files = source.resolve(pattern)
         if not matching_files and not source.is_mapped(shape.name):
@@ -200,7 +200,7 @@ class _TableReading:
     """A table that is read: the campaign's files, its columns, where faults go, and whether poses are texts."""
 
     source: CampaignFiles
-    shape: TableShape
+    shape: RawTable
     log: FaultLog
     poses_as_text: bool
 

@@ -12,8 +12,8 @@ import pyarrow as pa
 from truing.arrays import Mask
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import CellFaults, FaultLog, Records
+from truing.formats.raw_tables import RawTable
 from truing.formats.read import FileRows, read_table
-from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.schemas.covariates import marked
 
@@ -58,7 +58,7 @@ class CollectedRows:
 
 
 def collect_rows(
-    source: CampaignFiles, shape: TableShape, log: FaultLog, identifier: str | None = None
+    source: CampaignFiles, shape: RawTable, log: FaultLog, identifier: str | None = None
 ) -> CollectedRows | None:
     """Return a whole table, with its ``identifier`` column as int64 if all values are integers, else as text.
 
@@ -94,7 +94,7 @@ def _faulty(batches: list[TableBatch], new_names: Mapping[str, str]) -> dict[str
 
 
 def _read(
-    source: CampaignFiles, shape: TableShape, *, as_text: bool
+    source: CampaignFiles, shape: RawTable, *, as_text: bool
 ) -> tuple[list[tuple[FileRows, TableBatch]], FaultLog]:
     log = FaultLog()
     return list(read_table(source, shape, log, poses_as_text=as_text)), log

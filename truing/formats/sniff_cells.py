@@ -32,7 +32,7 @@ from truing.formats.proposed_poses import (
     proposal_of_joints,
     proposal_of_poses,
 )
-from truing.formats.shapes import COORDINATES
+from truing.formats.raw_tables import COORDINATES
 from truing.formats.sniff_readings import guess_readings, has_frames
 from truing.formats.times import time_format_of
 from truing.formats.units import LONGEST_NAME, bare_and_unit, known_unit, may_be

@@ -14,7 +14,7 @@ from truing.formats.guess import Guess, MappingKeys
 from truing.formats.matlab import Block, blocks_of, open_variables, shape_of
 from truing.formats.matlab_stacks import guess_of_stacks
 from truing.formats.raw import Unusable
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 from truing.formats.sniff_cells import sniff_cells
 from truing.formats.units import known_unit
 from truing.schemas.mapping import FileMapping

@@ -61,7 +61,8 @@ class CauseForms(Generic[CauseT]):
                 if is_distinct and gain > _PLAIN_GAIN and (further is None or _squares(after) <= _squares(further)):
                     chosen = replace(step.chosen, candidate=form)
                     changed = replace(step, chosen=chosen, cause=cause, is_contested=False)
-                    return self._fitted_in_turn([*found[:at], changed, *found[at + 1 :]])
+                    steps = [*found[:at], changed, *found[at + 1 :]]
+                    return fitted_in_turn(self.fitter, self.given, steps, steps[0].before)
         return None
 
     def is_contested(
@@ -78,15 +79,18 @@ class CauseForms(Generic[CauseT]):
             better += _gain(after, other) > _CONTESTED_GAIN and cause.is_distinct(*other.values(cause))
         return better >= min(2, len(forms)) > 0
 
-    def _fitted_in_turn(self, steps: Sequence[Accepted[CauseT]]) -> list[Accepted[CauseT]]:
-        """Return accepted causes with the models of a search that accepts them in this order."""
-        after = steps[0].before
-        fitted: list[Accepted[CauseT]] = []
-        for step in steps:
-            causes = (*self.given, *(other.cause for other in fitted), step.cause)
-            before, after = after, self.fitter.prepared(causes, after)
-            fitted.append(replace(step, before=before, after=after))
-        return fitted
+
+def fitted_in_turn(
+    fitter: Fitter[CauseT], given: Sequence[CauseT], steps: Sequence[Accepted[CauseT]], plain: FittedModel[CauseT]
+) -> list[Accepted[CauseT]]:
+    """Return accepted causes with the models of a search that accepts them in this order, from the plain model on."""
+    after = plain
+    fitted: list[Accepted[CauseT]] = []
+    for step in steps:
+        causes = (*given, *(other.cause for other in fitted), step.cause)
+        before, after = after, fitter.prepared(causes, after)
+        fitted.append(replace(step, before=before, after=after))
+    return fitted
 
 
 def other_forms(candidate: CauseCandidate[CauseT], current: Round[CauseT]) -> list[CauseCandidate[CauseT]]:

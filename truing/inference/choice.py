@@ -10,7 +10,7 @@ import numpy as np
 
 from truing.inference.evidence import probabilities
 from truing.inference.model import CauseT
-from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_nonparametric_of_subject
+from truing.inference.rounds import NAME_LOG_ODDS, RIVAL_FACTOR, Round, is_nonparametric_of_subject
 from truing.inference.search import CauseCandidate
 
 _MOST_SUBJECTS = 3  # other subjects, or inputs, that are listed for a cause
@@ -61,13 +61,13 @@ def choose(
         others = _other_subjects(current, first), _other_inputs(current, first)
         return CandidateChoice(first, also, pair.probability, True, *others)
     unnamed = [c for c in rivals if not c.cause.catalogued]
-    least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
+    least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAME_LOG_ODDS
     named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
     left = probabilities({kind: current.posterior(c) for kind, c in current.best.items() if kind not in refused})
     equal = named or unnamed
     best = max(map(current.posterior, equal))
     chosen = min(
-        (c for c in equal if current.posterior(c) >= best - NAMED),
+        (c for c in equal if current.posterior(c) >= best - NAME_LOG_ODDS),
         key=lambda c: (c.signature.parameters, -current.posterior(c)),
     )
     return _choice(current, chosen, rivals, left[chosen.kind])
@@ -122,7 +122,7 @@ def is_real(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: fl
 def is_outdone(current: Round[CauseT], chosen: CauseCandidate[CauseT], refused: set[str]) -> bool:
     """Return True if a refused nonparametric effect is clearly more probable than a chosen catalogued cause."""
     unnamed = (c for c in current.candidates if not c.cause.catalogued and c.kind in refused)
-    least = current.posterior(chosen) + NAMED
+    least = current.posterior(chosen) + NAME_LOG_ODDS
     return chosen.cause.catalogued and any(current.posterior(candidate) > least for candidate in unnamed)
 
 

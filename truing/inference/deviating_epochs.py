@@ -13,9 +13,9 @@ def p_values(fitted: FittedModel[CauseT]) -> Array:
     """Return the p-value (B,) of the residuals of observations and inputs of each epoch, at the noise found, corrected
     for the number of epochs.
 
-    The largest residual of an epoch does not count, so that one bad observation, or noise with heavy tails, does not
-    pass for a deviation of the epoch. Nor do the coordinates that determine what is fitted to each epoch, such as its
-    frame. NaN where no coordinate is left.
+    The largest residual of an epoch does not count: one bad observation, or noise with heavy tails, is no deviation of
+    the epoch. Nor do the coordinates that determine what is fitted to each epoch, such as its frame. NaN where no
+    coordinate is left.
     """
     from scipy.stats import chi2
 

@@ -1,5 +1,4 @@
-"""Doubts about accepted causes: effects that may act next to them or in their place, and residuals of the whole
-model."""
+"""Doubts about accepted causes: effects that may act next to them or in their place, and an inadequate model."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ from truing.inference.fitted_model import FittedModel
 from truing.inference.forward_search import ForwardSearch, Searched, names_of_one_effect
 from truing.inference.free_course import CourseRival, course_rival
 from truing.inference.model import CauseT
-from truing.inference.names_next_to_others import NAMED
+from truing.inference.names_next_to_others import LEAST_PROBABILITY
 from truing.inference.rounds import act_on_same, share_explained
 from truing.inference.search_verdicts import LEAST_LOG_ODDS, contradiction, is_unconfirmed
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
@@ -22,10 +21,13 @@ _EVEN = 0.5
 
 @dataclass(frozen=True)
 class Doubts:
-    """Doubt of the whole model; accepted causes, by key, next to which or in place of which an effect without a name
-    may act; the random courses among these effects; effects without a name that larger noise may have produced;
-    accepted causes from which another one is indistinguishable; and those that other forms contest, with what may be a
-    consequence of these."""
+    """Doubts of a search, with accepted causes by their keys.
+
+    whole: reason to doubt the model as a whole. outdone: causes next to which, or in place of which, an effect without
+    a name may act; courses: the random courses among these effects. weak: effects without a name that larger noise may
+    have produced. with_rivals: causes from which another one is indistinguishable. contested: causes that other forms
+    contest, and possible consequences of these.
+    """
 
     whole: Reason | None
     outdone: Collection[str]
@@ -68,7 +70,7 @@ class Doubts:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE)
         if verdict.cause.is_assumed:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ASSUMED)
-        if verdict.probability < NAMED:
+        if verdict.probability < LEAST_PROBABILITY:
             is_weak = verdict.log_odds < LEAST_LOG_ODDS and verdict.cause.key not in self.with_rivals
             return replace(verdict, verdict=SUSPECTED, reason=Reason.WEAK if is_weak else Reason.ALTERNATIVE)
         if is_unconfirmed(verdict):

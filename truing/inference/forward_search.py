@@ -14,7 +14,7 @@ import numpy as np
 from truing.inference import search_end
 from truing.inference.accepted_cause import Accepted
 from truing.inference.arrays import Mask
-from truing.inference.cause_forms import CauseForms
+from truing.inference.cause_forms import CauseForms, fitted_in_turn
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real
 from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter
@@ -184,13 +184,8 @@ class ForwardSearch(Generic[CauseT]):
 
     def _refitted(self, searched: Searched[CauseT], steps: Sequence[Accepted[CauseT]]) -> Searched[CauseT]:
         """Return a search with some of its accepted causes, which are fitted again in turn."""
-        kept: list[Accepted[CauseT]] = []
-        final = searched.plain
-        for step in steps:
-            causes = (*searched.given, *(other.cause for other in kept), step.cause)
-            before, final = final, self.fitter.prepared(causes, final)
-            kept.append(replace(step, before=before, after=final))
-        return replace(searched, kept=kept, final=final)
+        kept = fitted_in_turn(self.fitter, searched.given, steps, searched.plain)
+        return replace(searched, kept=kept, final=kept[-1].after if kept else searched.plain)
 
     def without_cause(self, searched: Searched[CauseT], key: str) -> FittedModel[CauseT]:
         """Return the fit of the final model without one of its accepted causes."""

@@ -19,7 +19,7 @@ from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT
 from truing.inference.random_courses import random_courses, random_factors
-from truing.inference.rounds import NAMED, RIVAL_FACTOR
+from truing.inference.rounds import NAME_LOG_ODDS, RIVAL_FACTOR
 from truing.inference.scores import parts_of
 from truing.inference.search import total_of
 from truing.inference.signatures import Pathways, signatures_of
@@ -35,7 +35,7 @@ _ALIKE = 0.7  # cosine of two patterns from which on one course may be behind bo
 
 # A name is found from odds of 9 on, as among names; beforehand it is three times as probable as a random course, as it
 # is in the search.
-_LEAST_LEAD = float(np.log(9.0)) - NAMED
+_LEAST_LEAD = float(np.log(9.0)) - NAME_LOG_ODDS
 _SAME_COURSE = 0.01  # share of a name's squares that may differ from functions that are the same effect
 
 # Inputs that a course follows; none if it walks in time or has no order.

@@ -79,11 +79,11 @@ class CauseLike(Protocol):
 
     @property
     def assumes(self) -> str:
-        """What its size rests on, such as declared weights; empty for most causes."""
+        """Declared values on which its size depends, such as weights; empty for most causes."""
 
     @property
     def denies(self) -> str:
-        """What it contradicts of what others assume; empty for most causes."""
+        """Assumption of other causes that it contradicts; empty for most causes."""
 
     @property
     def has_set_shape(self) -> bool:

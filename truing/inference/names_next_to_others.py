@@ -19,7 +19,7 @@ from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import RIVAL_FACTOR, Round, explains_the_same
 
 # Probability from which on a name is found, among all that explain the same.
-NAMED = 0.9
+LEAST_PROBABILITY = 0.9
 # Whitened residuals up to which a doubtful name is compared again: beyond, two rounds would take too much memory.
 _MOST_COMPARED = 20_000
 
@@ -108,4 +108,4 @@ class NamesNextToOthers(Generic[CauseT]):
 def _has_rivals(step: Accepted[CauseT]) -> bool:
     """Return True if a name is doubtful, or a cause of another kind explains the data nearly as well."""
     rivals = (rival for rival, _ in step.chosen.rivals if rival.cause.catalogued)
-    return step.probability < NAMED or any(rival.kind != step.candidate.kind for rival in rivals)
+    return step.probability < LEAST_PROBABILITY or any(rival.kind != step.candidate.kind for rival in rivals)

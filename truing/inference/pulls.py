@@ -16,7 +16,7 @@ from truing.inference.arrays import Array, Mask
 # A parameter is identifiable if the data reduce its prior variance by at least this share.
 IDENTIFIABLE = 0.5
 _BAND = 0.95
-_TOLD = 0.01  # share of a prior variance by which the data reduce it at least where they say something
+_INFORMED = 0.01  # share of a prior variance by which the data reduce it at least where they say something
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     determined = np.diag(gained) >= IDENTIFIABLE
     moved = shift / scale
     single_pulls = np.where(determined, moved / np.sqrt(np.where(determined, np.diag(gained), 1.0)), np.nan)
-    informed = np.where(np.diag(gained) >= _TOLD, np.diag(gained), np.nan)
+    informed = np.where(np.diag(gained) >= _INFORMED, np.diag(gained), np.nan)
     # Of all parameters: two may share one determined number, such as a length and a height, with less than half each.
     variances, directions = np.linalg.eigh(gained)
     mask = variances >= IDENTIFIABLE

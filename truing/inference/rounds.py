@@ -50,7 +50,7 @@ _OF_A_KIND = 3
 _OF_ITS_SIZE, _SAME_GROUND = 0.25, 0.5
 _MOST_OF_IT = 0.5  # share of a candidate that varies at equal inputs of another effect
 # Log odds by which a nonparametric effect must lead to be preferred to a cause of the catalogue.
-NAMED = float(np.log(3.0))
+NAME_LOG_ODDS = float(np.log(3.0))
 # Rivals within this factor of the best in evidence are indistinguishable from it.
 RIVAL_FACTOR = 20.0
 # A candidate explains the same as an accepted one if at most this share of its squares is left next to it; kinds whose
@@ -227,7 +227,9 @@ class Round(Generic[CauseT]):
         tried = self._paired
         odds = {(i, j): self._pair_evidence(self.search.pathways, tried[i], tried[j]) for i, j in _index_pairs(tried)}
         least = max((self.posterior(candidate) for candidate in tried), default=0.0) + np.log(RIVAL_FACTOR)
-        for best in sorted(odds, key=lambda pair: odds[pair] - NAMED * _unnamed(tried[i] for i in pair), reverse=True):
+        for best in sorted(
+            odds, key=lambda pair: odds[pair] - NAME_LOG_ODDS * _unnamed(tried[i] for i in pair), reverse=True
+        ):
             if odds[best] < least:
                 return None
             if odds[best] >= self._least_of_pair([tried[i] for i in best]):
@@ -425,11 +427,6 @@ def score_round(
     added = at_best_onsets(search, scores, fitted)
     scores += scores_of(added, fitted, search.pathways.residual)
     return _round(fitted, replace(search, candidates=[*search.candidates, *added]), scores)
-
-
-def scored(fitted: FittedModel[CauseT], search: Search[CauseT]) -> Round[CauseT]:
-    """Return the round of a fitted model with the candidates of a search."""
-    return _round(fitted, search, scores_of(search.candidates, fitted, search.pathways.residual))
 
 
 def _round(fitted: FittedModel[CauseT], search: Search[CauseT], scores: Sequence[Score]) -> Round[CauseT]:

@@ -13,7 +13,7 @@ from truing.inference.block_gain import gain_in_blocks
 from truing.inference.choice import is_real, is_worth_reporting
 from truing.inference.forward_search import ForwardSearch, Searched
 from truing.inference.model import CauseT
-from truing.inference.names_next_to_others import NAMED, NamesNextToOthers
+from truing.inference.names_next_to_others import LEAST_PROBABILITY, NamesNextToOthers
 from truing.inference.rounds import RIVAL_FACTOR, Round
 from truing.inference.search_end import EndOfSearch
 from truing.inference.shape_uncertainty import shape_covariance_factors
@@ -32,7 +32,7 @@ from truing.inference.verdicts import (
 # since without the cause other parameters take improbable values.
 _NO_MORE, _NO_WORSE = 1.002, 1.02
 # Log odds over no effect below which an effect is not found.
-LEAST_LOG_ODDS = float(np.log(NAMED / (1.0 - NAMED)))
+LEAST_LOG_ODDS = float(np.log(LEAST_PROBABILITY / (1.0 - LEAST_PROBABILITY)))
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class SearchVerdicts(Generic[CauseT]):
         result, held_out = [], self.search.fitter.held_out
         for step in accepted:
             for rival, lead in step.chosen.rivals:
-                worth = is_worth_reporting(rival, lead) or step.probability < NAMED
+                worth = is_worth_reporting(rival, lead) or step.probability < LEAST_PROBABILITY
                 if rival.kind != step.candidate.kind and worth:
                     refitted = self.search.fitter.fitted(
                         (*step.round.fitted.causes, rival.cause.refined()), step.round.fitted

@@ -101,7 +101,7 @@ class _Accounted(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class _Left:
-    """What the final model leaves: its noise, single channels with larger noise, and tests of it as a whole."""
+    """Residuals of the final model: its noise, single channels with larger noise, and tests of it as a whole."""
 
     noise: NoiseLevel
     noisy: tuple[tuple[int, NoiseLevel], ...]

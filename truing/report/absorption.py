@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from truing.report.calibration.calibrations import Key
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, label, panel_grid, style
-from truing.report.numbers import count_text, plain, printed, with_uncertainty
+from truing.report.numbers import capitalised, count_text, plain, printed, with_uncertainty
 from truing.report.parameter_names import kind_of, name_of, print_unit
 from truing.report.tables import Row, Tables, table_or_none
 
@@ -58,10 +58,6 @@ def _effect_words(effect: str, deformation: str) -> str:
     return f"ignoring {words}" if deformation == "none" else f"modelling {words} as {deformation}"
 
 
-def _titled(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:]}"
-
-
 def groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
     """Return rows by effect, deformation model and estimator, those with the largest bias first."""
     parts = [(key, rows) for key, rows in absorbed.groupby(["effect", "deformation", "estimator"], sort=False)]
@@ -101,7 +97,7 @@ def most_shifted_words(absorbed: pd.DataFrame | None) -> str:
     top = rows.assign(size=_size(rows)).nlargest(_NAMED, "size", keep="first")
     words = _group_words(group)
     first, *more = (_bias(r) for r in top.itertuples())
-    return f"{_titled(words)} would bias {'; '.join([first, *more])}."
+    return f"{capitalised(words)} would bias {'; '.join([first, *more])}."
 
 
 def _bias(r: Row) -> str:
@@ -137,7 +133,7 @@ def correlation(predicted: object, observed: object) -> float | None:
 def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
     """Return a map of predicted shifts per omitted effect: number in the parameter's unit, colour in tolerances."""
     parts = _leading_groups(absorbed.assign(kind=_kinds(absorbed)))
-    titles = [_titled(_group_words(key)) for key, _ in parts]
+    titles = [capitalised(_group_words(key)) for key, _ in parts]
     heights = [rows["kind"].nunique() for _, rows in parts]
     room = 70.0 / (30.0 * sum(heights) + 70.0 * len(parts))
     grid = make_subplots(

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import LEG, Head
 from truing.report.figure_style import BLUE, GREEN, ORANGE, RED, figure_template, panel_grid, style
-from truing.report.heads import LEG, Head
 from truing.report.numbers import count_text, percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from truing.belonging.relation import RelationState
-from truing.report.heads import Head, schema_head
+from truing.report.column_heads import Head, schema_head
 from truing.report.numbers import count_text, listed
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.reference import reference
@@ -100,7 +100,7 @@ def _problem(row: TableRow) -> str:
 
 
 def _deciding(rows: Sequence[TableRow]) -> ReportSection:
-    """How many campaigns each section of the report decides."""
+    """Number of campaigns whose verdict each section of the report decides."""
     decided = Counter((_state(row), row["decided_by"] or "") for row in rows)
     heads = (_VERDICT, _DECIDED_BY, Head("campaigns", "Number of campaigns with this verdict by this section."))
     cells = [(state, section, f"{number:,}") for (state, section), number in decided.most_common()]

@@ -7,8 +7,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from truing.report.column_heads import Head
 from truing.report.figure_style import BLUE, ORANGE, style
-from truing.report.heads import Head
 from truing.report.numbers import count_text, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, table_or_none

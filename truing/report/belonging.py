@@ -99,6 +99,7 @@ _FACTORS = {
 }
 # Quantities of columns by the units at the end of their names.
 _ENDINGS = (("_mm", "length"), ("_deg", "angle"), ("_nm", "torque"), ("_n", "force"), ("_mv", "signal"))
+_RUNS = ("run", "all")  # first words of subjects that are whole runs: run 2, all runs
 _SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # slips that are evident in the numbers themselves
 _REASONS = {
     "agrees": "belong together",
@@ -207,7 +208,9 @@ def slip_words(slip: RecordSlip) -> str:
 
 
 def _slip_subject(slip: RecordSlip) -> str:
-    return f"{slip.quantity} {listed(slip.subjects)}".strip()
+    """Return quantity and subjects: ``reading dz, run 2`` of a column, ``reading of run 2`` of whole runs."""
+    of_runs = bool(slip.subjects) and slip.subjects[0].partition(" ")[0] in _RUNS
+    return f"{slip.quantity}{' of' if of_runs else ''} {listed(slip.subjects)}".strip()
 
 
 def listed(names: Sequence[str], most: int = _MOST, sep: str = ", ") -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from truing.report.heads import Head
+from truing.report.column_heads import Head
 from truing.report.numbers import count_text, plain
 from truing.report.page import Listing
 from truing.report.tables import Row

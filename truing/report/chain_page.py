@@ -13,8 +13,8 @@ from plotly.subplots import make_subplots
 
 from truing.report.chain_curves import CURVES, GUIDEWAYS, error_curves, guideway_errors
 from truing.report.chain_inseparable import inseparable_listing, inseparable_words
+from truing.report.column_heads import POSE, Head
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
-from truing.report.heads import POSE, Head
 from truing.report.numbers import count_text, listed, plain, quantity, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.scene.view import scene_axes

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from truing.report.heads import Head
+from truing.report.column_heads import Head
 from truing.report.numbers import count_text, percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.tables import Row

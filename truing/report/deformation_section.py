@@ -10,9 +10,9 @@ import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
 from truing.report.coefficient_map import cells_of, coefficient_map, matrix_axes, significant
+from truing.report.column_heads import FIGURE, VALUE, Head
 from truing.report.error_figures import error_figure_words
 from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
-from truing.report.heads import FIGURE, VALUE, Head
 from truing.report.in_plane_section import directions, in_plane_maps, in_plane_sentence, in_plane_test
 from truing.report.model_tests import REJECTED, ModelTest, by_p, listing_of
 from truing.report.numbers import count_text, p_equals, p_value, plain, quantity

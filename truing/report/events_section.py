@@ -6,8 +6,8 @@ import math
 
 import pandas as pd
 
-from truing.report.heads import BODY, FREEDOM, POSE, TARGET, Head, P
-from truing.report.numbers import count_text, p_value, plain, quantity, with_uncertainty
+from truing.report.column_heads import BODY, FREEDOM, POSE, TARGET, Head, P
+from truing.report.numbers import capitalised, count_text, p_value, plain, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, table_or_none
 
@@ -55,9 +55,7 @@ def _opening_sentences(tables: Tables) -> str:
         kinds = ", ".join(f"{kind}s" for kind in repeats["repeated"].unique())
         words.append(f"repeated measurements of {kinds}, identified by {repeats['told_by'].iloc[0]}")
     events_text = "; ".join(words)
-    return (
-        f"{events_text[:1].upper()}{events_text[1:]}." if events_text else "Points with names that no survey contains."
-    )
+    return f"{capitalised(events_text)}." if events_text else "Points with names that no survey contains."
 
 
 def _statements(tables: Tables) -> list[tuple[str, str]]:

@@ -6,7 +6,7 @@ import math
 
 import pandas as pd
 
-from truing.report.heads import BODY, CHANNEL, POSE, RUN, TARGET, Head
+from truing.report.column_heads import BODY, CHANNEL, POSE, RUN, TARGET, Head
 from truing.report.numbers import count_text, p_value, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import SHIFT, Row, Tables, cell, each_row, table_or_none

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from truing.report.column_heads import CAUSE, Head, schema_head
 from truing.report.diagnosis.assessed_causes import NOISE_ALONE
-from truing.report.heads import CAUSE, Head, schema_head
 from truing.report.page import Listing, ReportSection, all_of
 from truing.report.reference import defined, reference
 from truing.report.wordings.catalogue import WORDINGS, cause_meaning, cause_words

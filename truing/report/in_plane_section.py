@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from truing.report.coefficient_map import coefficient_map
-from truing.report.heads import Head
+from truing.report.column_heads import Head
 from truing.report.model_tests import REJECTED, ModelTest, by_p
 from truing.report.numbers import p_equals, quantity
 from truing.report.page import Drawn, Listing

@@ -10,14 +10,14 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from truing.belonging.counted_times import merely_counts
+from truing.report.column_heads import CHANNEL, FROM, LOAD, ROLE, RUN, TO, Head
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
-from truing.report.heads import CHANNEL, FROM, LOAD, ROLE, RUN, TO, Head
 from truing.report.numbers import count_text, duration, in_one_unit, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import (
     LOAD_UNITS,
     LOADS,
-    STEP,
+    STEP_KEYS,
     Tables,
     axes_of,
     cell,
@@ -36,7 +36,7 @@ _SURROUNDINGS = {
     "material_temperature_c": ("temperature of the material", "°C"),
 }
 _RAW = ("phase_deg", "radius", "signal_x", "signal_y")  # raw signals of an interferometer
-_NO_SURROUNDINGS = {*STEP, "time_s", *LOADS.values(), "reading", "sigma", *_RAW}
+_NO_SURROUNDINGS = {*STEP_KEYS, "time_s", *LOADS.values(), "reading", "sigma", *_RAW}
 _COLOURS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
 _WHAT = {"air": "refractive index of the air", "material": "temperature of the material"}

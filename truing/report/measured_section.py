@@ -7,7 +7,7 @@ import pandas as pd
 
 from truing.arrays import Array
 from truing.report import poses_section as pose_figures
-from truing.report.heads import BODY, FROM, TARGET, TO, Head
+from truing.report.column_heads import BODY, FROM, TARGET, TO, Head
 from truing.report.measured_loads import duration_words, measured_loads
 from truing.report.numbers import count_text, duration, plain, quantity
 from truing.report.page import Listing, ReportSection

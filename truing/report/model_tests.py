@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from truing.report.heads import Head, P
+from truing.report.column_heads import Head, P
 from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 

@@ -15,7 +15,7 @@ _HANDIER = {
 }
 TOO_LARGE = 1e4  # in a comparison with numbers in the same unit
 _SIGNS = {"um": "µm", "urad": "µrad", "1": "", "N m": "N·m"}
-LEAST_P = 1e-6  # smaller probabilities rest on tails of distributions that no data confirm
+LEAST_PRINTED_P = 1e-6  # smaller probabilities rest on tails of distributions that no data confirm
 
 
 def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
@@ -111,6 +111,11 @@ def sign(unit: str) -> str:
     return _SIGNS.get(unit, unit.replace("N m", "N·m"))
 
 
+def capitalised(words: str) -> str:
+    """Return words with an upper-case first letter."""
+    return f"{words[:1].upper()}{words[1:]}"
+
+
 def printed(sentence: str) -> str:
     """Return a sentence with units, uncertainties and negative numbers in their printed form."""
     sentence = re.sub(r"(?<![\w.+-])-(?=\d)", "−", sentence.replace(" +- ", " ± "))
@@ -122,17 +127,17 @@ def p_value(p: float | None) -> str:
     """Return the text of a p-value."""
     if p is None or not math.isfinite(p):
         return "–"
-    return "< 1e-6" if p < LEAST_P else f"{p:.2g}"
+    return "< 1e-6" if p < LEAST_PRINTED_P else f"{p:.2g}"
 
 
 def p_equals(p: float) -> str:
     """Return a p-value with its relation: ``= 0.02``, ``< 1e-6``."""
-    return p_value(p) if p < LEAST_P else f"= {p_value(p)}"
+    return p_value(p) if p < LEAST_PRINTED_P else f"= {p_value(p)}"
 
 
 def p_at_most(p: float) -> str:
     """Return the bound of a probability in words: ``at most 0.02``, ``below 1e-6``."""
-    return f"at most {p:.2g}" if p >= LEAST_P else f"below {p_value(p).removeprefix('< ')}"
+    return f"at most {p:.2g}" if p >= LEAST_PRINTED_P else f"below {p_value(p).removeprefix('< ')}"
 
 
 def percent(value: float) -> str:

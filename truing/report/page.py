@@ -54,7 +54,7 @@ class Listing:
 
 
 class Depth(StrEnum):
-    """How much of a section a reader sees at once; the rest opens on demand."""
+    """Part of a section that is shown at once; the rest opens on demand."""
 
     WHOLE = "whole"
     ESSENTIAL = "essential"  # sentences, and the first ``front`` figures
@@ -143,7 +143,7 @@ class ErrorChange:
 
 @dataclass(frozen=True)
 class FirstScreen:
-    """What a reader sees first: machine, instrument, dates and counts, its drawing, and one change of an error."""
+    """First screen of the page: machine, instrument, dates and counts, its drawing, and one change of an error."""
 
     facts: tuple[tuple[str, str], ...] = ()  # what, value
     drawing: str = ""  # SVG

@@ -9,8 +9,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from truing.report.column_heads import BODY, TARGET, Head
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, label, style
-from truing.report.heads import BODY, TARGET, Head
 from truing.report.numbers import count_text, rough
 from truing.report.page import Listing, PageHead, ReportSection
 

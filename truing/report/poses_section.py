@@ -11,6 +11,7 @@ from plotly.subplots import make_subplots
 
 from truing.arrays import Array
 from truing.belonging.relation import RelationState
+from truing.report.column_heads import BODY, POSE, Head, schema_head
 from truing.report.figure_style import (
     BLUE,
     MANY_POINTS,
@@ -22,7 +23,6 @@ from truing.report.figure_style import (
     size_axis,
     style,
 )
-from truing.report.heads import BODY, POSE, Head, schema_head
 from truing.report.numbers import count_text, quantity, with_uncertainty
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import CAUSE, Head
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, label, style
-from truing.report.heads import CAUSE, Head
 from truing.report.numbers import count_text, printed, rough
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.wordings.catalogue import cause_words

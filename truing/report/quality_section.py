@@ -9,7 +9,7 @@ import pandas as pd
 
 from truing.belonging.relation import RelationState
 from truing.report.belonging import RELATIONS, listed
-from truing.report.heads import Head, schema_head
+from truing.report.column_heads import Head, schema_head
 from truing.report.numbers import count_text, printed, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_no_quality

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from truing.report.heads import Head, meaning_of
+from truing.report.column_heads import Head, meaning_of
 from truing.report.numbers import listed
 from truing.report.page import Depth, Listing, ReportSection, all_of
 from truing.report.rendering.terms import known_name, marked

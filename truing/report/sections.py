@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from truing.report.heads import Head, term_head
+from truing.report.column_heads import Head, term_head
 from truing.report.page import FIRST_SCREEN, NO_FACTS, CampaignFacts, Depth, Listing, ReportSection
 from truing.schemas.installed import with_installed
 from truing.schemas.stage_cost import StageCost
@@ -75,7 +75,7 @@ SECTIONS = (
     PageSection(
         "calibration", ("truing.report.calibration.section", "truing.report.sensor.calibration"), "Calibration"
     ),
-    PageSection("knowledge", ("truing.report.knowledge_section",)),
+    PageSection("knowledge", ("truing.report.identifiability_section",)),
     PageSection("transfer", ("truing.report.transfer_section",), reads=("second_campaign_errors",)),
     PageSection("requirements", ("truing.report.calibration.requirements",), "Requirements"),
     PageSection("alike", ("truing.report.similar_numbers_section",)),

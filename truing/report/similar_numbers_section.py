@@ -12,9 +12,9 @@ from truing.report.calibration.calibrations import (
     main_calibration,
     rows_of,
 )
+from truing.report.column_heads import Head
 from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
 from truing.report.diagnosis.prediction_errors import errors_of_models, part_names
-from truing.report.heads import Head
 from truing.report.numbers import plain, quantity, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, is_bench, table_or_none

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import Head
 from truing.report.comparison_map import ComparedEntries, comparison_map
-from truing.report.heads import Head
 from truing.report.model_tests import CONTRADICTED, ModelTest, by_p
 from truing.report.numbers import p_equals, with_uncertainty
 from truing.report.page import Drawn, Listing

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import pandas as pd
 
+from truing.report.numbers import capitalised
 from truing.schemas.columns import COLUMNS
 
 WHY_NOT = "why_not"  # attribute of a table: reason why its stage was not evaluated; empty where it was
@@ -16,7 +17,7 @@ Tables = Mapping[str, pd.DataFrame]
 LOADS = {"fx": "fx_n", "fy": "fy_n", "fz": "fz_n", "mx": "mx_nm", "my": "my_nm", "mz": "mz_nm"}
 LOAD_UNITS = {axis: "N" if axis.startswith("f") else "N·m" for axis in LOADS}
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
-STEP = ["run", "step"]
+STEP_KEYS = ["run", "step"]
 XYZ, SHIFT = ["x_mm", "y_mm", "z_mm"], ["dx_mm", "dy_mm", "dz_mm"]
 SIGMA = ["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]
 SEVERAL = "several"
@@ -46,7 +47,7 @@ def each_row(tables: Tables, name: str) -> Iterator[Row]:
 def reason(tables: Tables, name: str) -> str:
     """Return the reason why the stage of a table was not evaluated; empty where it gave none."""
     why = str(tables[name].attrs.get(WHY_NOT, "")) if name in tables else ""
-    return f"{why[:1].upper()}{why[1:]}{'' if why[-1] == '?' else '.'}" if why else ""
+    return f"{capitalised(why)}{'' if why[-1] == '?' else '.'}" if why else ""
 
 
 def cell(value: object) -> str:
@@ -79,11 +80,11 @@ def load_steps(tables: Tables) -> pd.DataFrame:
     """Return run, step, time_s, loads by axis (fx .. mz) and role, a row per load step of the readings and
     the signals."""
     known = [table for name in ("readings", "signals") if (table := table_or_none(tables, name)) is not None]
-    columns = [*STEP, "time_s", *LOADS.values()]
+    columns = [*STEP_KEYS, "time_s", *LOADS.values()]
     if not known:
-        return pd.DataFrame(columns=[*STEP, "time_s", *LOADS, "role"])
+        return pd.DataFrame(columns=[*STEP_KEYS, "time_s", *LOADS, "role"])
     parts = [table[[*columns, *(["role"] if "role" in table else [])]] for table in known]
-    all_steps = pd.concat(parts, ignore_index=True).drop_duplicates(STEP)
+    all_steps = pd.concat(parts, ignore_index=True).drop_duplicates(STEP_KEYS)
     all_steps = all_steps.rename(columns={column: axis for axis, column in LOADS.items()})
     if "role" not in all_steps:
         all_steps = all_steps.assign(role=None)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from truing.belonging.relation import RelationState
-from truing.report.heads import MODEL_OF_LEGS, Head
+from truing.report.column_heads import MODEL_OF_LEGS, Head
 from truing.report.numbers import count_text, plain, quantity, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict

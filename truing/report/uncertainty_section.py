@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import Head, term_head
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
-from truing.report.heads import Head, term_head
 from truing.report.numbers import count_text, plain, rough, sign, with_uncertainty
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.parameter_names import print_unit
@@ -18,7 +18,7 @@ from truing.report.reasons import why_absent
 from truing.report.tables import Tables, cell, reason, table_or_none
 
 _TITLE = "Statement of uncertainty"
-KINDS = {
+TITLES_BY_KIND = {
     "pose": "Poses",
     "chain": "Geometry of the chain",
     "tip": "Predicted poses of the tip",
@@ -53,7 +53,7 @@ def uncertainty(tables: Tables) -> ReportSection:
     stated, budget = _as_printed(stated), tables.get("uncertainty_budget")
     budget = None if budget is None else _as_printed(budget)
     parts = []
-    for kind, title in KINDS.items():
+    for kind, title in TITLES_BY_KIND.items():
         rows = stated[stated["result"] == kind]
         if len(rows):
             parts.append(_part(kind, title, rows, None if budget is None else budget[budget["result"] == kind]))

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import Head
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, style
-from truing.report.heads import Head
 from truing.report.numbers import count_text, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
 

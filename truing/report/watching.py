@@ -20,7 +20,7 @@ SECONDS_BETWEEN_LOOKS = 2.0  # of an open page
 
 
 class Enough(StrEnum):
-    """Whether the measurements decide the requirements."""
+    """State of the requirements, as the measurements decide them."""
 
     ENOUGH = "enough"
     TO_CONFIRM = "to confirm"  # every requirement is decided, but not yet at a later look with more poses
@@ -58,7 +58,7 @@ class Watched:
 
     @property
     def enough(self) -> Enough:
-        """Whether the measurements decide the requirements."""
+        """State of the requirements, as the measurements decide them."""
         by_section = {row.section: row for row in self.verdicts}
         gates = [by_section[name] for name in GATES if name in by_section]
         if self.faults or not by_section or any(row.state is RelationState.FAILS for row in gates):

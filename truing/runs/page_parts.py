@@ -45,7 +45,7 @@ def page_parts(
     (signal_mv, NaN where none is declared). No table holds these, nor the facts in ``about``.
     """
     from truing.report.comments import with_comments
-    from truing.report.head import build_head
+    from truing.report.page_head import build_head
     from truing.report.sections import build_sections
     from truing.report.verdict import with_verdict
     from truing.runs.chain_positions import chain_positions

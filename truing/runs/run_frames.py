@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from scipy.spatial.transform import Rotation
 
-_TOLD = ("found", "suspected", "indistinguishable")
+_REPORTED = ("found", "suspected", "indistinguishable")
 _AXES = "xyz"
 _UPPER = np.triu_indices(6)
 _SHOWN = 6  # poses of a printed table
@@ -136,7 +136,7 @@ def causes_of(table: pd.DataFrame) -> pd.DataFrame:
     import pandas as pd
 
     rows: list[TableRow] = []
-    for row in table[table["verdict"].isin(_TOLD)].to_dict("records"):
+    for row in table[table["verdict"].isin(_REPORTED)].to_dict("records"):
         columns = {name: row[name] for name in CAUSES[:5]} | {"subject": row["subject"] or ""}
         parameters: TableRow = json.loads(row["parameters"] or "{}")
         rows += [columns | {"parameter": name, **number} for name, number in parameters.items()] or [columns]

@@ -163,7 +163,7 @@ def _poses(body: Body, count: int, rng: np.random.Generator) -> tuple[Array, Arr
 def _shifted(
     effect: Hidden, places: Array, columns: Mapping[str, Array], rng: np.random.Generator
 ) -> tuple[Array, dict[str, object]]:
-    """How the targets (N, k, 3) of a body are shifted on it, mm, and what is to be told of it."""
+    """How the targets (N, k, 3) of a body are shifted on it, mm, and what is to be reported of it."""
     time = columns["time_s"]
     if effect.kind == "moved":
         target, first = int(rng.integers(len(places))), int(rng.integers(len(time) // 4, 3 * len(time) // 4))

@@ -39,12 +39,12 @@ class Case(HiddenCase):
     driver_strengths: tuple[Mapping[str, float], ...] = ()
 
     @property
-    def told(self) -> Mapping[str, object]:
+    def reported(self) -> Mapping[str, object]:
         own = [
             {driver: round(value, 3) for driver, value in driver_strength.items()}
             for driver_strength in self.driver_strengths
         ]
-        return {**super().told, "driver_strengths": own}
+        return {**super().reported, "driver_strengths": own}
 
     def put(self, campaign: Campaign, folder: Path) -> None:
         write_campaign(campaign, folder, self.plan.seed)
@@ -106,7 +106,7 @@ def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> Case:
 
 
 def layouts_for(names: Sequence[str]) -> list[str]:
-    """The layouts in which effects of these names can be hidden, and told from each other."""
+    """The layouts in which effects of these names can be hidden and distinguished from each other."""
     mechanisms = set.intersection({"6-pus", "ups"}, *(set(KINDS[name].mechanisms) for name in names))
     of_legs = {kind: "ups" if kind == "hexapod" else "6-pus" for kind in LAYOUTS}
     without = {kind for kind, mechanism in of_legs.items() if mechanism not in mechanisms}

@@ -23,7 +23,7 @@ from tests.blind.generator.layout import (
 from tests.blind.generator.schedule import STROKE_MM, at_rest, even_moves, published_moves, random_moves
 
 WRONG = 0.1  # by so much declared noise is off, in the layouts where it is
-TOLD_OF_WEIGHT = 0.3  # of campaigns that need no weight
+WEIGHT_IS_STATED = 0.3  # of campaigns that need no weight
 WIDE_MM = 4.0  # stroke where flexures are to bend visibly
 
 
@@ -81,7 +81,7 @@ def _sigmas(rng: np.random.Generator) -> Layout:
     return Layout(name="sigmas", noise=replace(_uneven(rng), write_sigmas=True))
 
 
-def _uneven_untold(rng: np.random.Generator) -> Layout:
+def _uneven_unrecorded(rng: np.random.Generator) -> Layout:
     # Photographed from the same side throughout, or the unevenness would be another one in every pose.
     return Layout(name="uneven", noise=_uneven(rng), surroundings=Surroundings(frame_turn_rad=0.2))
 
@@ -121,7 +121,7 @@ LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
     "other": _other,
     "hexapod": _hexapod,
     "sigmas": _sigmas,
-    "uneven": _uneven_untold,
+    "uneven": _uneven_unrecorded,
     "declared low": _declared(1 - WRONG),
     "declared high": _declared(1 + WRONG),
     "tails": _tails,
@@ -134,7 +134,7 @@ LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
 
 def draw_plan(kind: str, needs: frozenset[str], seed: int) -> Plan:
     """A campaign's plan by the name of its layout. ``needs`` are names of further columns, and ``even`` where actuators
-    must stand anywhere, ``wide`` where they must go far in little noise, ``upright`` where it must be told which way
+    must stand anywhere, ``wide`` where they must go far in little noise, ``upright`` where it must be stated which way
     is up, ``weighed`` where also what the legs carry.
     """
     rng = np.random.default_rng([seed, 1])
@@ -155,9 +155,9 @@ def draw_plan(kind: str, needs: frozenset[str], seed: int) -> Plan:
 
 
 def _weight(layout: Layout, needs: frozenset[str], rng: np.random.Generator) -> tuple[Weight | None, tuple[str, ...]]:
-    """What is told of the weight, and the column that tells it pose by pose: where it is needed, and elsewhere now and
+    """Stated weight, and the column that states it pose by pose: where it is needed, and elsewhere now and
     then. A machine that hardly tilts shows a weight by its changes alone, one that tilts a little if it is heavy."""
-    if not needs & {"weighed", "upright"} and rng.random() > TOLD_OF_WEIGHT:
+    if not needs & {"weighed", "upright"} and rng.random() > WEIGHT_IS_STATED:
         return None, ()
     x, y = rng.uniform(-0.2, 0.2, 2)
     up = np.array([x, y, 1.0]) / np.linalg.norm([x, y, 1.0])

@@ -343,17 +343,17 @@ class PeriodicError(PerLeg):
 @dataclass(frozen=True)
 class ApproachScatter(Effect):
     """Actuators land elsewhere than they indicate by ``scatter_mm`` (one sigma) times draws (N, L), zero where they
-    land as they should. ``subject`` and ``told`` (further parameters) say where they do not.
+    land as they should. ``subject`` and ``reported`` (further parameters) say where they do not.
     """
 
     scatter_mm: float
     draws: Array
     subject: str = ""
-    told: tuple[tuple[str, int], ...] = ()
+    reported: tuple[tuple[str, int], ...] = ()
     id = "approach-scatter"
 
     def parameters(self) -> Mapping[str, Parameter]:
-        return {"scatter": (self.scatter_mm, "mm"), **{name: (value, "") for name, value in self.told}}
+        return {"scatter": (self.scatter_mm, "mm"), **{name: (value, "") for name, value in self.reported}}
 
     def drive(self, drho: Array, setting: Setting) -> Array:
         return drho + self.scatter_mm * self.draws
@@ -368,11 +368,11 @@ class NoiseBurst(Effect):
 
     times: float
     own: Array
-    told: tuple[tuple[str, int], ...] = ()
+    reported: tuple[tuple[str, int], ...] = ()
     id = "noise-burst"
 
     def parameters(self) -> Mapping[str, Parameter]:
-        return {"noise_ratio": (self.times, "1"), **{name: (value, "") for name, value in self.told}}
+        return {"noise_ratio": (self.times, "1"), **{name: (value, "") for name, value in self.reported}}
 
     def scatter(self, scatter: Array, setting: Setting) -> Array:
         return scatter * np.where(self.own, self.times, 1.0)[:, None]

@@ -29,7 +29,7 @@ class Planned(Protocol):
 
 @dataclass(frozen=True)
 class HiddenCase(ABC):
-    """A campaign with effects in it, each as strong alone as it is told (inf where size is not to be chosen)."""
+    """A campaign with effects in it, each as strong alone as stated (inf where size is not to be chosen)."""
 
     plan: Planned
     effects: tuple[NamedEffect, ...]
@@ -40,7 +40,7 @@ class HiddenCase(ABC):
         """Writes a campaign."""
 
     @property
-    def told(self) -> Mapping[str, object]:
+    def reported(self) -> Mapping[str, object]:
         """What the truth tells of the plan."""
         return {"layout": self.plan.kind}
 
@@ -49,7 +49,7 @@ class HiddenCase(ABC):
         plan = replace(self.plan, layout=replace(self.plan.layout, name=folder.name))
         self.put(plan.campaign(self.effects), folder)
         truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
-        truth |= {**self.told, "strengths": [round(value, 3) for value in self.strengths]}
+        truth |= {**self.reported, "strengths": [round(value, 3) for value in self.strengths]}
         truth_path(folder).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
         return folder
 

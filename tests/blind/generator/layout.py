@@ -140,7 +140,7 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Weight:
-    """Which way is up in the base frame; what the legs carry, kg (None: the column payload_kg, or nothing is told of
+    """Which way is up in the base frame; what the legs carry, kg (None: the column payload_kg, or nothing is stated of
     it), and its centre of gravity in the platform frame, mm."""
 
     up: tuple[float, float, float]

@@ -12,7 +12,7 @@ Parameter = tuple[float | str | None, str]  # value, unit
 
 
 class NamedEffect:
-    """An effect as it is told of."""
+    """An effect as it is reported."""
 
     id: ClassVar[str]
 

@@ -20,7 +20,7 @@ DAY_S = 86400.0
 
 
 class Strange(Effect):
-    """An effect in no catalogue: what it follows is told instead of parameters."""
+    """An effect in no catalogue: its inputs are reported instead of parameters."""
 
     id = "unexplained"
 

@@ -28,7 +28,7 @@ def photographed(*effects: CameraEffect, noisy: bool = False) -> Photographed:
         missing_share=0.0,
         gross_share=0.0,
         sigma_px=SIGMA_PX if noisy else 1e-12,
-        told_sigma_px=SIGMA_PX,
+        stated_sigma_px=SIGMA_PX,
         bars=tuple(replace(bar, sigma_mm=0.005 if noisy else 0.0) for bar in BARS),
     )
     return draw_rays(shooting, MOVES, [], effects, np.random.default_rng(5))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truing.estimation.bundle.data_snooping import adjust_robustly
-from truing.estimation.bundle.variance_components import POOLED, global_test, initial_components
+from truing.estimation.bundle.variance_components import POOLED_GROUPS, global_test, initial_components
 
 from .photographed import simulate
 
@@ -43,7 +43,7 @@ def test_small_groups_are_pooled_and_reported():
     each = np.full(network.rays.count, 1.5)
     components = initial_components(network, np.ones(network.rays.count, bool), each)
     assert len(components.factor) == 1
-    assert components.kind.tolist() == [POOLED]
+    assert components.kind.tolist() == [POOLED_GROUPS]
     network = with_kinds(made, (0.0, 0.0, 0.0), np.random.default_rng(0), (0.8, 0.1, 0.1))
     components = initial_components(network, np.ones(network.rays.count, bool), each)
     assert components.kind.tolist() == [0, 1, 2]

@@ -9,7 +9,6 @@ from tests.estimation.interferometry.bench import ALL_PAIRS, LEVELS, OWN_PAIRS, 
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.interferometry.compliance import (
     Compliance,
-    axis_curve,
     compare,
     fit_compliance,
     left_out_runs,
@@ -137,20 +136,6 @@ def test_a_stiffer_axis_is_seen_and_a_simulation_that_is_unsure_explains_it() ->
     compared = compare(found, TRUE, compliance_covariance(-TRUE[None], 0.03))
     assert compared.p_value < 1e-9
     assert np.nanargmax(np.abs(compare(found, TRUE).z)) == 14
-
-
-def test_curves_have_what_figures_of_one_axis_show() -> None:
-    log = made_log(np.random.default_rng(8), OWN_PAIRS)
-    unsure = compliance_covariance(-TRUE[None], 0.05)
-    curve = axis_curve(2, log.wrench, log.displacement, log.covariance, TRUE, unsure)
-    assert list(curve.load) == list(LEVELS)
-    assert_close(curve.simulated, TRUE[2, 2] * LEVELS, atol=1e-18)
-    assert_close(curve.simulated_sigma, 0.05 * np.abs(curve.simulated), atol=1e-15)
-    off = (curve.measured - curve.simulated) / curve.sigma
-    assert np.abs(off - off.mean()).max() < 4.5
-    assert curve.largest == curve.measured.max()
-    assert curve.smallest == curve.measured.min()
-    assert len(axis_curve(2, log.wrench[:21], log.displacement[:21], log.covariance[:21], TRUE).load) == 0
 
 
 def test_runs_are_predicted_by_the_others_where_these_tell_what_is_asked() -> None:

@@ -1,4 +1,4 @@
-"""Quadrature signals: ellipse fit, counted and slipped fringes, each with the stated uncertainty."""
+"""Quadrature signals: ellipse fit and counted fringes, each with the stated uncertainty."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.interferometry.jumps import find_jump, find_slips
 from truing.estimation.interferometry.quadrature import (
     EllipseStatus,
     corrected_phase,
@@ -30,9 +29,6 @@ TRUE = np.array([30.0, -12.0, 500.0, 430.0, 0.12])
 SIGMA = 2.5
 WAVELENGTH_M = 632.990577e-9
 TURN = 2.0 * np.pi
-QUANTUM = WAVELENGTH_M / 2.0
-LOADS = np.concatenate([np.linspace(0, 9, 10), np.linspace(8, -9, 18), np.linspace(-8, 0, 9)])
-DESIGN = np.stack([np.ones_like(LOADS), LOADS], -1)
 
 
 def signals(phase: NDArray, values: NDArray = TRUE) -> NDArray:
@@ -254,54 +250,3 @@ def test_a_beam_that_was_broken_loses_the_count() -> None:
 def test_a_turn_is_half_a_wavelength_in_air() -> None:
     assert_close(length_per_turn(WAVELENGTH_M, 1.00027), WAVELENGTH_M / 1.00027 / 2.0, atol=1e-20)
     assert_close(length_per_turn(WAVELENGTH_M, passes=4), WAVELENGTH_M / 4.0, atol=1e-20)
-
-
-def logs(seed: int, sigma: float, runs: int = 200) -> np.ndarray:
-    noise = sigma * np.random.default_rng(seed).standard_normal((runs, len(LOADS)))
-    return 2e-4 * LOADS + 3e-6 + noise
-
-
-def test_a_slip_is_found_with_its_count_and_place() -> None:
-    values = logs(1, 0.02e-6)
-    counts = np.random.default_rng(2).choice([-3, -1, 1, 2], len(values))
-    onsets = np.random.default_rng(3).integers(4, len(LOADS) - 4, len(values))
-    slipped = values + QUANTUM * counts[:, None] * (np.arange(len(LOADS)) >= onsets[:, None])
-    found = find_slips(slipped, 0.02e-6, DESIGN, QUANTUM)
-    assert (found.count == counts).all()
-    assert (found.onset == onsets).all()
-    assert (found.detectable == 1).all()
-
-
-def test_slips_are_seen_in_noise_no_more_often_than_stated() -> None:
-    found = find_slips(logs(4, 0.3e-6), 0.3e-6, DESIGN, QUANTUM, false_alarm=0.05)
-    assert (found.p_value <= 0.05).sum() <= 200 * 0.05 + 4 * np.sqrt(200 * 0.05)
-
-
-def test_a_slip_of_the_stated_detectable_size_is_mostly_found() -> None:
-    """With the noise of the format's example one fringe is lost in it, and the log says which count would show."""
-    sigma = 0.5e-6
-    detectable = int(find_slips(logs(5, sigma), sigma, DESIGN, QUANTUM).detectable[0])
-    assert detectable > 1
-    jump = QUANTUM * detectable * (np.arange(len(LOADS)) >= 18)
-    hits = (find_slips(logs(6, sigma) + jump, sigma, DESIGN, QUANTUM).p_value <= 0.01).mean()
-    assert_between(float(hits), 0.4, 0.999)
-
-
-def test_a_jump_that_is_no_whole_number_is_no_slip() -> None:
-    jump = 0.5 * QUANTUM * (np.arange(len(LOADS)) >= 18)
-    values = logs(7, 0.01e-6) + jump
-    assert (find_slips(values, 0.01e-6, DESIGN, QUANTUM).count == 0).all()
-    found = find_jump(values, 0.01e-6, DESIGN)
-    assert (found.p_value < 1e-6).all()
-    assert_between(float((((found.size - 0.5 * QUANTUM) / found.sigma) ** 2).mean()), 0.6, 1.4)
-    assert_close(np.nanstd(found.left), 0.01e-6, atol=0.001e-6)
-
-
-def test_missing_readings_and_series_without_room_are_no_jumps() -> None:
-    values = logs(8, 0.05e-6, runs=3)
-    values[0, 5:9] = np.nan
-    values[1, 2:] = np.nan
-    found = find_jump(values, 0.05e-6, DESIGN)
-    assert found.p_value[1] == 1.0
-    assert np.isinf(found.sigma[1])
-    assert np.isnan(found.left[0, 5:9]).all()

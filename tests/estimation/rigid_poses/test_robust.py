@@ -51,7 +51,7 @@ def test_four_right_points_are_found_though_chance_joins_wrong_ones_to_some_of_t
 def test_results_are_independent_of_the_size_of_gross_errors(size):
     x, y, true, *_ = spoiled(np.random.default_rng(1), 200, 20, 10, size)
     kept, _ = consensus(x, y, None, SIGMA)
-    # an error that chance made as small as the noise cannot be told from it, and bends nothing
+    # an error that chance made as small as the noise cannot be distinguished from it, and bends nothing
     missed = kept & ~true
     assert (kept | ~true).all(-1).mean() >= 0.99
     assert missed.mean() <= 20 * (10 * SIGMA / size) ** 3

@@ -13,9 +13,9 @@ from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.estimation.rigid_poses.robust_pose import (
     robust_pose,
     robust_poses,
+    scatter_of_lengths,
     sigma_from_distances,
     squared_residuals,
-    target_scatter,
 )
 from truing.estimation.rigid_poses.umeyama import umeyama
 
@@ -193,6 +193,7 @@ def test_a_moving_target_is_identified_by_its_scatter():
     x, y, R, _, _ = campaign(rng, 200, 10)
     y[:, 3] += np.einsum("bij,bj->bi", R, 60e-6 * rng.normal(size=(200, 1)) * [0, 0, 1.0])
     fit, _, _ = robust_poses(x, y, np.zeros((10, 3, 3)), isotropic(200, 10), np.ones((200, 10), bool))
-    tau = target_scatter(fit, x, y, isotropic(200, 10), np.ones((200, 10), bool))
+    length = np.linalg.norm(y - fit.apply(x), axis=-1)
+    tau = scatter_of_lengths(length, np.full(length.shape, SIGMA**2), np.broadcast_to(fit.ok[:, None], length.shape))
     assert tau[3] == pytest.approx(60e-6, rel=0.25)
     assert np.delete(tau, 3).max() < 2 * SIGMA

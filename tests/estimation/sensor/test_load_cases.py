@@ -97,15 +97,15 @@ def test_the_choice_for_a_bent_sensor_needs_loads_between():
     )
 
 
-def test_the_sigma_foretold_is_the_one_that_the_fit_finds():
+def test_the_predicted_sigma_is_the_one_that_the_fit_finds():
     rng = np.random.default_rng(3)
     toy = sensor(rng, channels=8)
     found = choose_loads(corner_loads(LIMITS), 24, LIMITS, rng=rng)
     table = toy.table(rng, found.loads, np.arange(24))
     table = type(table)(**{**vars(table), "loads": found.loads})
     fit = fit_calibration(table, CalibrationModel("weighted", "forward", zero="common"))
-    foretold = predicted_sigma(found.loads, toy.signal_sigma, LIMITS)
-    assert_close(foretold / fit.sigma, np.ones((8, 6)), atol=1e-9)
+    predicted = predicted_sigma(found.loads, toy.signal_sigma, LIMITS)
+    assert_close(predicted / fit.sigma, np.ones((8, 6)), atol=1e-9)
 
 
 def test_too_few_loads_are_refused():

@@ -15,10 +15,10 @@ from tests.report.test_page import ATTACKS, PLOTLY, Reader
 from tests.sentences import assert_says
 from truing.report.calibration.requirements import requirements
 from truing.report.calibration.section import calibration
-from truing.report.head import build_head
-from truing.report.knowledge_section import knowledge
+from truing.report.identifiability_section import knowledge
 from truing.report.model_tests import below_noise
 from truing.report.page import ReportSection
+from truing.report.page_head import build_head
 from truing.report.rendering.render import render_page
 from truing.report.sections import build_sections
 

@@ -8,7 +8,7 @@ import pytest
 from tests.sentences import assert_says
 from truing.report.calibration.calibrations import main_calibration
 from truing.report.calibration.with_findings import choice_verdicts, compared_calibrations, data_words
-from truing.report.head import build_head
+from truing.report.page_head import build_head
 from truing.report.transfer_section import transfer
 
 FINDING = "load-eccentricity of load fz"

@@ -14,8 +14,8 @@ from tests.report.diagnosis_parts import part_of, state_of, text_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
 from tests.sentences import assert_says
 from truing.report.diagnosis.pulls import changes, pulls, pulls_verdict
-from truing.report.head import build_head
 from truing.report.page import PageHead
+from truing.report.page_head import build_head
 from truing.report.rendering.render import render_page
 
 

@@ -150,7 +150,7 @@ def test_noise_says_where_it_is_larger_where_that_is_known():
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("expected", "words"),
     [
         (("kappa_1", 0.0123, 0.0004, "1"), "12.30 ± 0.40 um/mm"),
         (("K1_10", -0.0123, 0.0004, "1"), "-12.30 ± 0.40 um/mm"),
@@ -173,8 +173,8 @@ def test_noise_says_where_it_is_larger_where_that_is_known():
         (("kappa_1", 0.0123, float("nan"), "1"), "12.3 um/mm"),
     ],
 )
-def test_sizes_are_reported_in_units_of_a_laboratory(told, words):
-    assert size_text(*told) == words
+def test_sizes_are_reported_in_units_of_a_laboratory(expected, words):
+    assert size_text(*expected) == words
 
 
 def test_detectable_sizes_have_two_digits():

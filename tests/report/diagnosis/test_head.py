@@ -14,8 +14,8 @@ from tests.report.diagnosis_tables import GAIN_3, MOVED, NOISE, diagnosis_tables
 from tests.sentences import assert_says, says
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.section import diagnosis
-from truing.report.diagnosis.words import counted
-from truing.report.head import build_head
+from truing.report.diagnosis.verdict_sentences import counted
+from truing.report.page_head import build_head
 
 
 def lines(diagnosis_rows: pd.DataFrame, **more) -> tuple[tuple[str, str], ...]:

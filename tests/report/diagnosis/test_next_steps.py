@@ -13,7 +13,7 @@ from tests.sentences import assert_says, says
 from truing.report.diagnosis.adequacy import adequacy as adequacy_section
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
-from truing.report.head import build_head
+from truing.report.page_head import build_head
 from truing.report.stopping_section import stop
 from truing.schemas.needs import Need
 
@@ -118,7 +118,7 @@ def test_a_suspected_finding_comes_after_what_tells_whether_the_model_holds() ->
     assert rivals[1].words == "Return to one pose."
 
 
-TOLD = {
+STATED = {
     ("observation-noise", ""): "Measure one pose ten times without moving anything.",
     ("input-noise", ""): "Move ten times to one pose, each time from the same side.",
     ("like-neighbours", "time_s"): "Repeat five of the first poses at the end",
@@ -132,12 +132,12 @@ TOLD = {
 }
 
 
-@pytest.mark.parametrize("test", TOLD, ids="-".join)
+@pytest.mark.parametrize("test", STATED, ids="-".join)
 def test_each_test_that_fails_asks_for_what_would_tell_why(test: tuple[str, str]) -> None:
     (reported,) = [
         step for step in _steps(_tables(tests=adequacy((*test, 2.0, 1e-9, "fails")))) if step.need == Need.RIVAL
     ]
-    assert TOLD[test] in reported.words
+    assert STATED[test] in reported.words
 
 
 def test_questions_of_init_use_the_terms_of_the_instrument() -> None:

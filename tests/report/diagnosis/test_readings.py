@@ -18,8 +18,8 @@ from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.load_corrections import load_warning, unrecorded_loads
 from truing.report.diagnosis.prediction_errors import part_names, reading_misses
 from truing.report.diagnosis.reading_gain import against_load, where_missed
-from truing.report.head import build_head
 from truing.report.measured_section import measured
+from truing.report.page_head import build_head
 
 RUNS = len(AXES) * len(CHANNELS)
 

@@ -7,7 +7,7 @@ import pytest
 from tests.report import diagnosis_tables as made
 from tests.report.diagnosis_tables import diagnosis_tables, per_leg, rejected, row, rows, size
 from truing.report.diagnosis.section import diagnosis
-from truing.report.head import build_head
+from truing.report.page_head import build_head
 from truing.report.rendering.render import render_page
 
 ATTACK = "</script><img src=x onerror=document.title='broken'>"

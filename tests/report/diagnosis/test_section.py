@@ -15,8 +15,8 @@ from tests.report.test_page import ATTACKS, Reader, render
 from tests.sentences import assert_says, says
 from truing.report.calibration.section import calibration
 from truing.report.diagnosis.section import diagnosis
-from truing.report.head import build_head
 from truing.report.page import MOST_ROWS
+from truing.report.page_head import build_head
 
 
 def test_not_evaluated_is_neither_a_pass_nor_a_failure():
@@ -56,13 +56,13 @@ def test_the_figure_of_evidence_orders_candidates_and_names_the_next_best():
     assert "10⁷⁵ times less probable" in part.lead
 
 
-@pytest.mark.parametrize(("reason", "probability", "is_told"), [("chance", 0.999, True), ("ended", 0.999, False)])
-def test_a_rejected_cause_with_like_odds_alone_is_explained(reason, probability, is_told):
+@pytest.mark.parametrize(("reason", "probability", "is_reported"), [("chance", 0.999, True), ("ended", 0.999, False)])
+def test_a_rejected_cause_with_like_odds_alone_is_explained(reason, probability, is_reported):
     first = row("actuator-gain", parameters=GAIN_3, log_evidence=136.5, probability=probability)
     second = row("leg-drift", log_evidence=111.6)
     other = row("thermal-expansion", "rejected", log_evidence=137.5, p_value=0.72, reason_code=reason)
     lead = part_of("evidence", diagnosis_tables(rows(first, second, other))).lead
-    assert ("Taken alone, the rejected cause thermal expansion" in lead and "(p = 0.72)" in lead) == is_told
+    assert ("Taken alone, the rejected cause thermal expansion" in lead and "(p = 0.72)" in lead) == is_reported
 
 
 def test_without_evidence_probabilities_are_drawn_and_without_these_nothing():

@@ -11,7 +11,7 @@ from tests.report.bench_tables import bench_tables
 from tests.report.diagnosis_tables import row, rows, size
 from tests.sentences import assert_says
 from tests.tolerance import assert_close
-from truing.report.head import build_head
+from truing.report.page_head import build_head
 from truing.report.wordings.bench_wordings import BENCH
 from truing.report.wordings.claim import Claim, ParameterSize
 from truing.report.wordings.nonparametric_wordings import FOLLOWED

@@ -18,8 +18,8 @@ from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.findings import DECLARED_NOISE, DOUBTS, SCATTER_OF_REPEATS, scatter_explanation
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.section import diagnosis
-from truing.report.diagnosis.words import diagnosis_verdict
-from truing.report.head import build_head
+from truing.report.diagnosis.verdict_sentences import diagnosis_verdict
+from truing.report.page_head import build_head
 from truing.report.section_verdict import verdict_rows
 from truing.report.verdict import with_verdict
 from truing.report.wordings.nonparametric_wordings import remainder_advice, remainder_explanation

@@ -6,8 +6,8 @@ import pandas as pd
 
 from tests.sentences import assert_says
 from tests.tolerance import assert_close
-from truing.report.head import build_head
 from truing.report.measured_loads import measured_loads
+from truing.report.page_head import build_head
 from truing.report.sensor.positioning import positioning
 from truing.report.tables import WHY_NOT, untested_sections
 from truing.report.verdict import section_verdicts

@@ -32,9 +32,9 @@ def test_the_first_row_has_travelled_where_its_direction_is_recorded() -> None:
 def test_directions_that_the_rows_show_change_nothing() -> None:
     rng = np.random.default_rng(5)
     command = rng.normal(size=40)
-    known, told = _rows(command), _rows(command, np.where(np.arange(40) < 1, np.nan, _rows(command).direction))
+    known, reported = _rows(command), _rows(command, np.where(np.arange(40) < 1, np.nan, _rows(command).direction))
     for name in ("direction", "since_turn", "travelled", "order", "stops", "rate"):
-        assert_close(getattr(told, name), getattr(known, name), atol=1e-12)
+        assert_close(getattr(reported, name), getattr(known, name), atol=1e-12)
 
 
 def test_rows_sorted_by_command_keep_their_recorded_sides() -> None:

@@ -91,7 +91,7 @@ def test_derivatives_are_exact(signals: bool) -> None:
 
 
 def test_candidates_act_as_they_do_once_they_are_among_the_unknowns() -> None:
-    """What a search is told of a candidate is the prediction's derivative at zero, whatever was accepted before."""
+    """A search receives the derivative of the prediction at zero for a candidate, whatever was accepted before."""
     model = bench().model(*MANY)
     shared, local = _unknowns(model)
     design_matrix, partial_designs = model.design_matrix(shared, local), model.partial_designs(shared, local)

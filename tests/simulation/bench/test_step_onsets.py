@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truing.simulation.bench.causes.counts import FringeSlip
-from truing.simulation.bench.causes.reading_causes import FEWEST, BenchScene
+from truing.simulation.bench.causes.reading_causes import FEWEST_READINGS, BenchScene
 from truing.simulation.bench.causes.zero_step import ZeroStep
 from truing.simulation.bench.load_steps import LoadSteps
 
@@ -44,7 +44,9 @@ def test_every_step_with_readings_on_either_side_is_reached_from_one_that_is_tri
         assert onsets.spacing > 1
         reached |= {onsets.moved(by) for by in range(1 - onsets.spacing, onsets.spacing)} - {None}
     found = {(cause.run, cause.from_step) for cause in reached if cause is not None}
-    assert found == {(run, step + 1) for run in range(1, RUNS + 1) for step in range(FEWEST, STEPS - FEWEST + 1)}
+    assert found == {
+        (run, step + 1) for run in range(1, RUNS + 1) for step in range(FEWEST_READINGS, STEPS - FEWEST_READINGS + 1)
+    }
     if isinstance(kind, FringeSlip):
         assert {cause.channel for cause in reached if isinstance(cause, FringeSlip)} == {"dx", "dy", "dz"}
     assert all(cause.from_rank + 1 == cause.from_step for cause in reached if cause is not None)

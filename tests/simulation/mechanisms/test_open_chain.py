@@ -208,8 +208,8 @@ def of_two_gains(elsewhere: Sequence[float] = (1e-4, 3e-4, 0.0)) -> CauseDiagnos
     return searched(*both)
 
 
-def found_in(told: CauseDiagnosis) -> set[str]:
-    return {cause.subject for cause in told.final.causes}
+def found_in(stated: CauseDiagnosis) -> set[str]:
+    return {cause.subject for cause in stated.final.causes}
 
 
 def test_a_gain_of_one_joint_is_found_and_named() -> None:

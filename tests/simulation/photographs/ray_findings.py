@@ -14,7 +14,7 @@ NUMBERS = (
     *(RayParameter("bar", bar, "strain", "1", 1e-5, 1e-5) for bar in ("S", "T")),
     *(RayParameter("camera", "left", name, "px", 1.0, None) for name in ("x0", "y0", "c")),
 )
-# One standard deviation of each number in one pose, were all others known; of the bars only the difference is told.
+# One standard deviation of each number in one pose, were all others known; of the bars only the difference is known.
 SIGMAS = np.array([*[2e-6] * 6, 5e-3, 1e-5, 1e-5, 0.1, 0.1, 0.15]) / [number.scale for number in NUMBERS]
 POSES = 24
 
@@ -44,7 +44,7 @@ def ray_poses(seed: int) -> RayPoses:
     )
 
 
-def told(rays: RayPoses, off: NDArray, seed: int) -> Epochs:
+def measured_epochs(rays: RayPoses, off: NDArray, seed: int) -> Epochs:
     """What rays tell where the numbers (B, T) are off by so many of their scales."""
     noise = np.random.default_rng([seed, 1]).standard_normal(rays.root.shape[:2])
     values = np.einsum("bkt,bt->bk", rays.root, off) + noise * rays.is_observed

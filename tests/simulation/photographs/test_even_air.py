@@ -30,7 +30,7 @@ def raised(bar: Bar, by_mm: float) -> Bar:
 def adjusted(bars: tuple[Bar, ...], *effects: CameraEffect) -> np.ndarray:
     """Points (poses, points, 3), m, in the base frame or next to it."""
     shooting = Shooting(
-        stations=Round(count=6), missing_share=0.0, gross_share=0.0, sigma_px=1e-12, told_sigma_px=0.02, bars=bars
+        stations=Round(count=6), missing_share=0.0, gross_share=0.0, sigma_px=1e-12, stated_sigma_px=0.02, bars=bars
     )
     network, start = network_of(draw_rays(shooting, MOVES, [], effects, np.random.default_rng(5)))
     return adjust(network, start).state.points.reshape(len(MOVES), -1, 3)

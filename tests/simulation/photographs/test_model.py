@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.simulation.photographs.ray_findings import NUMBERS, POSES, place, ray_poses, told
+from tests.simulation.photographs.ray_findings import NUMBERS, POSES, measured_epochs, place, ray_poses
 from tests.tolerance import assert_close
 from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.simulation.catalogue import catalogue_of_rays
@@ -40,7 +40,7 @@ def test_channels_follow_the_unknowns_as_their_derivatives_say(cause: Cause) -> 
 
 
 def search(off: np.ndarray, seed: int = 3) -> CauseDiagnosis:
-    poses = told(RAYS, off, seed)
+    poses = measured_epochs(RAYS, off, seed)
     return CauseSelection(RayModel.of(RAYS), poses, None, Settings(0.05, 200, 1)).run(KINDS)
 
 
@@ -64,9 +64,9 @@ def test_a_camera_that_jumps_is_reported_with_the_pose_and_by_how_much() -> None
     diagnosis = search(off_by("camera left c", 0.5 * (np.arange(POSES) >= 10)))
     assert found_causes(diagnosis) == [("camera-instability", "camera left")]
     verdict = diagnosis.verdicts[0]
-    told_of = {one.name: one for one in verdict.cause.reported(verdict.values, verdict.covariance, 0)}
-    assert told_of["from_pose"].value == 11
-    assert abs(told_of["c"].value - 0.5) < 4 * told_of["c"].sigma < 0.5
+    reported_of = {one.name: one for one in verdict.cause.reported(verdict.values, verdict.covariance, 0)}
+    assert reported_of["from_pose"].value == 11
+    assert abs(reported_of["c"].value - 0.5) < 4 * reported_of["c"].sigma < 0.5
 
 
 def test_a_camera_that_follows_the_temperature_is_reported_per_kelvin() -> None:
@@ -81,8 +81,8 @@ def test_a_camera_that_differs_from_pose_to_pose_is_reported_by_its_scatter() ->
     diagnosis = search(off_by("camera left c", loose))
     assert found_causes(diagnosis) == [("camera-instability", "camera left")]
     verdict = diagnosis.verdicts[0]
-    told_of = {one.name: one for one in verdict.cause.reported(verdict.values, verdict.covariance, 0)}
-    assert abs(told_of["c_scatter"].value - np.std(loose, ddof=1)) < 0.2
+    reported_of = {one.name: one for one in verdict.cause.reported(verdict.values, verdict.covariance, 0)}
+    assert abs(reported_of["c_scatter"].value - np.std(loose, ddof=1)) < 0.2
 
 
 def test_a_growing_bar_is_confounded_with_a_shrinking_second_bar() -> None:
@@ -99,7 +99,7 @@ def test_errors_of_a_bar_refer_to_its_certificate() -> None:
     mean = float(strain.mean())
     numbers = tuple(replace(n, mean=-mean) if n.called == "bar S strain" else n for n in NUMBERS)
     rays = replace(warm, parameters=numbers)
-    poses = told(rays, off_by("bar S strain", (strain - mean) / 1e-5), 3)
+    poses = measured_epochs(rays, off_by("bar S strain", (strain - mean) / 1e-5), 3)
     found_there = CauseSelection(RayModel.of(rays), poses, None, Settings(0.05, 200, 1)).run(KINDS).verdicts[0]
     assert found_there.cause.id == "scale-bar-temperature"
     assert abs(abs(found_there.values[0]) - 3e-5) < 4 * np.sqrt(found_there.covariance[0, 0]) < 2e-5

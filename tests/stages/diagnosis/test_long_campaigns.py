@@ -36,7 +36,7 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Diagnosed]:
         yield run
 
 
-def test_the_errors_of_every_pose_are_told_though_few_were_searched(diagnosed: Diagnosed) -> None:
+def test_the_errors_of_every_pose_are_reported_though_few_were_searched(diagnosed: Diagnosed) -> None:
     few, every = diagnosed(FEW), diagnosed(1000)
     assert "in the search for causes" in few.outcomes["diagnose"].left_out
     assert "in the search for causes" not in every.outcomes["diagnose"].left_out

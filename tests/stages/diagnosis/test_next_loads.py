@@ -34,7 +34,7 @@ from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
 from truing.stages.diagnosis.next_measurement import MeasurementPlan, Rivals, next_loads_of, planned
 from truing.stages.diagnosis.rows import claim_of
-from truing.stages.diagnosis.search import assembled_data, decided
+from truing.stages.diagnosis.search import assembled_data, search_causes
 
 LEVELS = (0, 300, 600, 900, 900, 900, 900, 0, 0, 0, 0)
 LAYOUT = Layout(
@@ -62,7 +62,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     folder = write_campaign(made, tmp_path_factory.mktemp("next") / "bench", 1)
     settings = settings_of(folder)
     gathered = assembled_data(run_line(folder, "ingest")[0], settings)
-    diagnosis = decided(gathered, settings, lambda *_: None)
+    diagnosis = search_causes(gathered, settings, lambda *_: None)
     found = diagnosis.verdicts[0]
     stand = Fitter(gathered.model, gathered.calibration, None, 0).prepared((RIVAL,))
     rival = replace(

@@ -165,7 +165,7 @@ def case() -> Case:
 
 
 @pytest.fixture(scope="module")
-def told(case: Case, settings: Campaign) -> NextMeasurement:
+def stated(case: Case, settings: Campaign) -> NextMeasurement:
     return next_measurements(
         settings, case.measured, [(WARM, case.fitted[0])], [Rivals(WARM, case.fitted[0], DRIFT, case.fitted[1])]
     )
@@ -176,9 +176,9 @@ def possibilities(case: Case, settings: Campaign) -> PossibleMeasurements:
     return possible(settings, case.fitted, case.measured.instrument())
 
 
-def _chosen(told: NextMeasurement, case: Case) -> Conditions:
+def _chosen(stated: NextMeasurement, case: Case) -> Conditions:
     """Return the proposed poses as the table has them, at the time that its words ask for."""
-    rows = [row for row in told.table.to_pylist() for _ in range(row["times"])]
+    rows = [row for row in stated.table.to_pylist() for _ in range(row["times"])]
     rho = np.array([[row[f"rho{leg}_mm"] for leg in range(1, 7)] for row in rows]) * 1e-3
     late = np.array(["pause" in (row["conditions"] or "") for row in rows])
     time = SPAN_S * np.where(late, 2.0, 1.0) + SPAN_S / (POSES - 1)
@@ -189,29 +189,29 @@ def _chosen(told: NextMeasurement, case: Case) -> Conditions:
     )
 
 
-def test_the_table_is_complete_and_has_only_relevant_rows(told: NextMeasurement) -> None:
-    assert not ARTIFACTS["next_poses"].faults(told.table)
-    assert "load" not in told.table.schema.names
-    assert "temperature_c" in told.table.schema.names
-    assert {row["purpose"] for row in told.table.to_pylist()} == {"leg-thermal against leg-drift"}
+def test_the_table_is_complete_and_has_only_relevant_rows(stated: NextMeasurement) -> None:
+    assert not ARTIFACTS["next_poses"].faults(stated.table)
+    assert "load" not in stated.table.schema.names
+    assert "temperature_c" in stated.table.schema.names
+    assert {row["purpose"] for row in stated.table.to_pylist()} == {"leg-thermal against leg-drift"}
 
 
-def test_warm_legs_are_distinguished_from_drifting_ones_at_another_temperature_or_time(told: NextMeasurement) -> None:
-    words = [row["conditions"] for row in told.table.to_pylist()]
+def test_warm_legs_are_distinguished_from_drifting_ones_at_another_temperature_or_time(stated: NextMeasurement) -> None:
+    words = [row["conditions"] for row in stated.table.to_pylist()]
     assert all(words), words
     assert any("°C" in text or "pause" in text for text in words)
     for key, both in ((WARM.key, "leg thermal from leg drift"), (DRIFT.key, "leg drift from leg thermal")):
-        assert told.advice[key].kind == AdviceKind.SEPARATE
-        assert f"To distinguish {both}, measure " in told.advice[key].words
-        odds = told.table.column("odds_expected")[-1].as_py()
+        assert stated.advice[key].kind == AdviceKind.SEPARATE
+        assert f"To distinguish {both}, measure " in stated.advice[key].words
+        odds = stated.table.column("odds_expected")[-1].as_py()
         assert odds >= 20.0
-        assert f"The expected odds are then {odds:.2g}:1," in told.advice[key].words
+        assert f"The expected odds are then {odds:.2g}:1," in stated.advice[key].words
 
 
 def test_proposed_poses_separate_rivals_as_predicted_and_repeated_poses_do_not(
-    told: NextMeasurement, case: Case, possibilities: PossibleMeasurements
+    stated: NextMeasurement, case: Case, possibilities: PossibleMeasurements
 ) -> None:
-    rng, chosen = np.random.default_rng(9), _chosen(told, case)
+    rng, chosen = np.random.default_rng(9), _chosen(stated, case)
     count = len(chosen.readings)
     later = SPAN_S * (1 + np.arange(1, count + 1) / POSES)
     usual = {"time_s": later, "temperature_c": 20.0 + 3.0 * later / SPAN_S}
@@ -219,7 +219,7 @@ def test_proposed_poses_separate_rivals_as_predicted_and_repeated_poses_do_not(
     proposed, random = (np.array([case.gain(at, rng) for _ in range(DRAWS)]) for at in (chosen, same))
     error = 4 * proposed.std(ddof=1) / np.sqrt(len(proposed))
     assert proposed.mean() > random.mean() + 2 * np.hypot(proposed.std(), random.std()) / np.sqrt(DRAWS)
-    promised = told.table.column("odds_expected")[-1].as_py()
+    promised = stated.table.column("odds_expected")[-1].as_py()
     assert promised >= 20.0
     assert_between(float(proposed.mean()), np.log(promised) - error, np.log(promised) + error, what="log odds gained")
     assert_between(float(random.mean()), -3.0, np.log(20.0), what="log odds of more of the same")

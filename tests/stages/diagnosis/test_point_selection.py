@@ -115,7 +115,7 @@ def test_exchanged_labels_are_reported_by_body_targets_and_poses(seen: Seen) -> 
 
 
 def test_every_point_left_out_is_reported(seen: Seen) -> None:
-    """Those of the fit of poses stand in its residuals; all others are told here, gross errors at attachments."""
+    """Those of the fit of poses stand in its residuals; all others are reported here, gross errors at attachments."""
     isolated = {(point.pose, point.subject) for point in seen.gathered.isolated}
     targets, poses = seen.gathered.model.targets, seen.gathered.calibration.conditions.poses
     rows, columns = np.nonzero(seen.gross & ~seen.kept)

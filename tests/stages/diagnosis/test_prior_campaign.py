@@ -81,7 +81,7 @@ def test_the_effect_of_the_earlier_campaign_is_in_the_model_from_the_beginning(u
 
 
 def test_errors_of_both_campaigns_agree_with_the_stated_covariance(unchanged, home: Path) -> None:
-    """Identified minus true over the stated covariance, in all directions that are told: a chi-square."""
+    """Identified minus true over the stated covariance, in all directions that are determined: a chi-square."""
     import json
 
     from tests.blind.generator.folder import truth_path
@@ -151,9 +151,9 @@ def test_before_anything_new_is_measured_the_machine_is_where_the_earlier_campai
     model = with_prior_campaign(stand.model.with_causes(()), handed_on)
     own, at = handed_on.places(model), np.zeros(model.shared_size)
     at[own] = handed_on.mean
-    (surveyed, slopes), (reported, by_told) = model.survey_rows(at), handed_on.rows(model, at)
-    pull = (slopes.T @ surveyed + by_told.T @ reported - at)[own]
-    curvature = np.eye(len(own)) + (slopes.T @ slopes + by_told.T @ by_told)[np.ix_(own, own)]
+    (surveyed, slopes), (reported, by_stated) = model.survey_rows(at), handed_on.rows(model, at)
+    pull = (slopes.T @ surveyed + by_stated.T @ reported - at)[own]
+    curvature = np.eye(len(own)) + (slopes.T @ slopes + by_stated.T @ by_stated)[np.ix_(own, own)]
     away = np.linalg.solve(curvature, pull) / np.sqrt(np.diag(np.linalg.inv(curvature)))
     assert np.abs(handed_on.mean).max() > 1.0  # in sigmas of the tolerances: there is something to be pulled back from
     assert np.abs(away).max() < 0.1  # not zero: the noise was learned, and the survey's weight with it

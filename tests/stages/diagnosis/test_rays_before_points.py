@@ -17,7 +17,7 @@ from tests.photographs.stations import Round
 from tests.stages.line import run_line, settings_of
 from truing.stages import diagnose
 
-# The bars' certificates allow 170 ppm, and they are told wrong accordingly.
+# The bars' certificates allow 170 ppm, and they are stated wrong accordingly.
 MOVES = random_moves(9, 0, np.random.default_rng(5))
 JUMP = UnstableCamera("c", jump_px=1.5, from_pose=6, camera="camera")
 

@@ -18,7 +18,7 @@ from tests.blind.generator.schedule import at_rest, random_moves
 from tests.blind.generator.strange import ReadingsFollow
 from tests.cut_telescope import cut_telescope
 from tests.stages.line import run_line
-from truing.formats.shapes import CONFIGURATIONS, INTERFEROMETER, TableShape
+from truing.formats.raw_tables import CONFIGURATIONS, INTERFEROMETER, RawTable
 from truing.schemas.columns import COLUMNS
 from truing.schemas.covariates import column_alias, listed, names_in, own_name
 from truing.simulation import inputs
@@ -43,7 +43,7 @@ OF_LABORATORIES = [
 WITH_BLANKS = ["temp [C]", "last step", "own drive", "approach rho1_mm", "platform x", "direction of fx_n", 'say "hi"']
 
 
-def _names(shape: TableShape) -> list[str]:
+def _names(shape: RawTable) -> list[str]:
     """Names of all columns of all other tables, and of laboratories."""
     own = {*shape.required, *shape.optional}
     known = [name for name, column in COLUMNS.items() if not column.family]

@@ -116,7 +116,7 @@ def test_a_target_at_an_attachment_joins_again_where_it_is_declared(folder, leg,
 
 
 @pytest.mark.parametrize(
-    ("entries", "told"),
+    ("entries", "stated"),
     [
         (
             entry("aftr"),
@@ -127,11 +127,11 @@ def test_a_target_at_an_attachment_joins_again_where_it_is_declared(folder, leg,
         (entry() + entry(), "resurvey.2.survey: found 'after'; expected each survey once"),
     ],
 )
-def test_an_unknown_survey_pose_or_target_is_a_fault(folder, entries, told):
+def test_an_unknown_survey_pose_or_target_is_a_fault(folder, entries, stated):
     surveyed(folder)
     folder.toml += entries
     said = [str(fault) for fault in folder.faults()]
-    assert any(re.search(told, one) for one in said), said
+    assert any(re.search(stated, one) for one in said), said
 
 
 def test_the_name_of_a_moved_target_is_taken_by_no_other(folder):

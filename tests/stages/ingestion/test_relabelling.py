@@ -72,7 +72,7 @@ def test_no_table_of_names_where_nothing_is_called_otherwise(folder):
 
 
 @pytest.mark.parametrize(
-    ("entries", "told"),
+    ("entries", "stated"),
     [
         ([{"target": "P1", "called": "T113"}], "1.called: found 'T113'; .* under this name in these poses; .* T112"),
         (
@@ -95,8 +95,8 @@ def test_no_table_of_names_where_nothing_is_called_otherwise(folder):
         ([{"target": "P1", "called": "P1"}], "renamed.1.called: found 'P1'; expected another name than the target"),
     ],
 )
-def test_contradictory_renames_are_a_fault_with_the_names(folder, entries, told):
+def test_contradictory_renames_are_a_fault_with_the_names(folder, entries, stated):
     called(folder, ("P1", "T112"))
     folder.toml += "".join(renamed(**entry) for entry in entries)
     said = [str(fault) for fault in folder.faults()]
-    assert any(re.search(told, one) for one in said), said
+    assert any(re.search(stated, one) for one in said), said

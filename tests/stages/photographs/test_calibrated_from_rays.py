@@ -18,7 +18,7 @@ from tests.photographs.machine import copied, moved, stated_covariance
 from tests.photographs.rays import Shooting, exact_campaign
 from tests.stages.line import settings_of
 from truing.calibration.calibration_input import CalibrationData
-from truing.calibration.calibration_question import Case, cases
+from truing.calibration.estimation_problem import Case, cases
 from truing.calibration.fits import MachineCalibration, maximum_likelihood
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.pipeline.in_memory import call_stage
@@ -59,10 +59,10 @@ def test_poses_of_every_method_scatter_by_their_sigmas(drawn: Tables) -> None:
         assert np.abs(ratio - 1.0).max() < 4.0 * np.sqrt(2 / len(off))
 
 
-def _matrix(told: pd.DataFrame, names: list[str]) -> Array:
+def _matrix(given: pd.DataFrame, names: list[str]) -> Array:
     place, matrix = {name: n for n, name in enumerate(names)}, np.full((len(names), len(names)), np.nan)
-    one, other = (told[name].map(place).to_numpy() for name in ("measured_number", "other_number"))
-    matrix[one, other] = matrix[other, one] = told["joint_covariance"]
+    one, other = (given[name].map(place).to_numpy() for name in ("measured_number", "other_number"))
+    matrix[one, other] = matrix[other, one] = given["joint_covariance"]
     return matrix
 
 
@@ -168,7 +168,7 @@ def test_errors_of_all_parameters_agree_with_their_covariance(calibrated: Any) -
 
 
 def test_errors_common_to_all_poses_do_not_average_out_in_a_calibration(calibrated: Any) -> None:
-    """The combinations of numbers that are told best, in units of their tolerances, would be 1.3 times as far."""
+    """The combinations of numbers that are determined best, in units of their tolerances, would be 1.3 times as far."""
     squares = []
     for off, fit in calibrated:
         known = np.where(np.isfinite(fit.tolerance), fit.tolerance, 0.1)

@@ -74,14 +74,14 @@ def test_one_pose_shows_whether_a_principal_distance_fits_all_photographs(
 
 
 @pytest.mark.parametrize(
-    ("choose", "told"),
+    ("choose", "expected"),
     [
         (lambda names: names[3:9], "01-04 of pose 1, 01-05 of pose 1"),
         (lambda names: [name for name in names if name.startswith("02")], "all of pose 2"),
     ],
 )
 def test_images_that_were_zoomed_are_named_and_have_a_camera_of_their_own(
-    plain: tuple[Path, dict[str, Any]], tmp_path: Path, choose: Callable[[Sequence[str]], Sequence[str]], told: str
+    plain: tuple[Path, dict[str, Any]], tmp_path: Path, choose: Callable[[Sequence[str]], Sequence[str]], expected: str
 ) -> None:
     folder = tmp_path / "zoomed"
     zoomed = _zoomed(plain[0], folder, choose)
@@ -90,7 +90,7 @@ def test_images_that_were_zoomed_are_named_and_have_a_camera_of_their_own(
     assert set(images[images["setting"] > 0]["image"]) == zoomed
     (row,) = _check(tables).itertuples()
     assert row.verdict == "fail"
-    assert told in row.message
+    assert expected in row.message
     cure = re.search(r"\[\[cameras\]\] (.*)\.$", row.message)
     assert cure is not None
     keys = re.sub(r", (?=[a-z]+ = )", "\n", cure[1])

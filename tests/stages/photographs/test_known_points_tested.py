@@ -60,6 +60,7 @@ def test_one_wrong_known_point_of_four_is_rejected_with_its_error(
         assert np.all(np.abs(off) < 5.0 * row[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]].to_numpy(float))
     checks = _checks(tables)
     assert set(checks["verdict"]) == {"fail"}
+    assert set(zip(checks["value"], checks["limit"], strict=True)) == {(1.0, 0.0)}
     assert all(f"wrong: {KNOWN[1]}," in said or f"rays: {KNOWN[1]}," in said for said in checks["message"])
     assert not any(name in said for said in checks["message"] for name in (KNOWN[0], KNOWN[2], KNOWN[3]))
 
@@ -78,7 +79,9 @@ def test_a_rejected_known_point_keeps_its_rays_and_moves_no_other_point(
 
 def test_good_known_points_pass(plain: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     tables = _run(plain, tmp_path / "good", KNOWN, {})
-    assert set(_checks(tables)["verdict"]) == {"pass"}
+    checks = _checks(tables)
+    assert set(checks["verdict"]) == {"pass"}
+    assert set(checks["value"]) == {0.0}
     assert not tables["known_point_errors"].column("rejected").to_pandas().any()
 
 
@@ -118,6 +121,6 @@ def test_points_that_only_together_differ_too_much_are_not_listed_as_wrong(p_val
     about = {"pose": 1, "rays": 6, "rejected": False, "reason": "contradicts others; which is wrong is undetermined"}
     rows = [{**off, **about, "point": f"K{k}", "p_value": p_value} for k in range(30)]
     (check,) = known_points(pa.Table.from_pylist(rows))
-    assert check.verdict == "fail"
+    assert (check.verdict, check.value, check.limit) == ("fail", 30.0, 0.0)
     assert ("which is wrong" in check.message) == named
     assert ("sigmas too small" in check.message) != named

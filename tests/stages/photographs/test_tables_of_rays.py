@@ -75,7 +75,7 @@ def test_a_camera_in_mm_is_one_in_pixels(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "expected"),
     [
         ({"image_points": RAYS + "1,b,ring12-17,1,2\n"}, "row 5, column point: found 'ring12-17'; expected each point"),
         ({"image_points": RAYS.replace("100.5", "x")}, "row 4, column x_px: found 'x'"),
@@ -95,8 +95,8 @@ def test_a_camera_in_mm_is_one_in_pixels(tmp_path: Path) -> None:
         ({"image_targets": TARGETS + "ring12,17,base,B1,\n"}, "row 4, column code: found '17'; expected every family"),
     ],
 )
-def test_faults_of_ray_tables_give_their_place(tmp_path: Path, files: dict[str, str], told: str) -> None:
-    assert told in faults(write(tmp_path, **files))
+def test_faults_of_ray_tables_give_their_place(tmp_path: Path, files: dict[str, str], expected: str) -> None:
+    assert expected in faults(write(tmp_path, **files))
 
 
 def test_rays_need_a_format_and_a_sigma(tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_photographs_of_a_group_are_by_a_camera_of_their_own(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("group", "told"),
+    ("group", "expected"),
     [
         (
             f"{GROUP}poses = [7]\n",
@@ -170,5 +170,5 @@ def test_photographs_of_a_group_are_by_a_camera_of_their_own(tmp_path: Path) -> 
         ('[[cameras]]\nname = "a"\nposes = [1]\n', 'for the camera of these photographs: of = "camera"'),
     ],
 )
-def test_faults_of_a_camera_group_are_named(tmp_path: Path, group: str, told: str) -> None:
-    assert told in faults(write(tmp_path, TOML + group))
+def test_faults_of_a_camera_group_are_named(tmp_path: Path, group: str, expected: str) -> None:
+    assert expected in faults(write(tmp_path, TOML + group))

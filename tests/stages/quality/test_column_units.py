@@ -15,7 +15,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.stages.line import run_line
-from truing.estimation.suspect_units import SECONDS, mistaken_times
+from truing.estimation.suspect_units import SECONDS_PER_UNIT, mistaken_times
 from truing.pipeline.command_line import app
 
 CHECKED = ("temperature-unit", "time-unit")
@@ -44,7 +44,7 @@ def half_in_fahrenheit(celsius: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("column", "change", "check", "verdict", "told"),
+    ("column", "change", "check", "verdict", "expected"),
     [
         ("temperature_c", half_in_fahrenheit, CHECKED[0], "fail", ["degrees Fahrenheit", "12 of 24 rows"]),
         ("time_s", lambda t: 45000.4 + t / 86400.0, CHECKED[1], "warn", ["days", 'units = { time_s = "d" }']),
@@ -52,7 +52,7 @@ def half_in_fahrenheit(celsius: np.ndarray) -> np.ndarray:
         ("", None, "", "", []),
     ],
 )
-def test_qa_and_check_name_unit_rows_and_cure(tmp_path, column, change, check, verdict, told):
+def test_qa_and_check_name_unit_rows_and_cure(tmp_path, column, change, check, verdict, expected):
     made = campaign(tmp_path / "c", column, change)
     qa = run_line(made, "ingest", "qa")[0]["qa"].to_pandas().set_index("check")
     verdicts = {name: qa.loc[name, "verdict"] for name in CHECKED}
@@ -60,7 +60,7 @@ def test_qa_and_check_name_unit_rows_and_cure(tmp_path, column, change, check, v
     lines = CliRunner().invoke(app, ["check", str(made)]).output.splitlines()
     said = [line for line in lines if line.startswith("attention: ") and "likely in" in line]
     assert len(said) == bool(check)
-    for words in told:
+    for words in expected:
         assert words in qa.loc[check, "message"]
         assert words in said[0]
 
@@ -103,7 +103,7 @@ def test_two_hundred_good_columns_of_times_pass():
 )
 def test_times_in_another_unit_are_reported(unit, start):
     pace = np.random.default_rng(4).uniform(150.0, 400.0, 40)
-    found = mistaken_times(start + np.cumsum(pace) / SECONDS[unit])
+    found = mistaken_times(start + np.cumsum(pace) / SECONDS_PER_UNIT[unit])
     assert found is not None
     assert found.unit == unit
 

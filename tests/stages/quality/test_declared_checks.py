@@ -72,7 +72,7 @@ def read(kind: str, **limits: dict[str, object]) -> object:
 
 
 @pytest.mark.parametrize(
-    ("limits", "told"),
+    ("limits", "expected"),
     [
         ({"completness": {"warn": 0.1}}, "key qa.limits.completness: expected a check whose .* mean completeness"),
         ({"load_range": {"warn": 0.1}}, "qa.limits.load-range: expected a check of a campaign of kind photogrammetry"),
@@ -92,8 +92,8 @@ def read(kind: str, **limits: dict[str, object]) -> object:
         ({"time_gaps": {"reason": "why not"}}, "qa.limits.time-gaps: expected warn, fail, or both"),
     ],
 )
-def test_limits_that_mean_nothing_are_faults(limits, told):
-    with pytest.raises(CampaignFaults, match=told):
+def test_limits_that_mean_nothing_are_faults(limits, expected):
+    with pytest.raises(CampaignFaults, match=expected):
         read("photogrammetry", **limits)
 
 

@@ -93,6 +93,6 @@ def test_every_check_of_points_says_which_poses_it_examined(monkeypatch: pytest.
     assert {"completeness", "gross-errors", "exchanged-labels", "moved-targets", "noise", "names-known"} <= noted
     of_all = {row["check"]: row for row in some if "Examined" not in row["message"]}
     assert {"unobserved-poses", "time-gaps", "overruled"} <= set(of_all)
-    # what concerns all poses is not told from a few of them
+    # what concerns all poses is not decided by a few of them
     assert "pose 300" in of_all["unobserved-poses"]["message"]
     assert of_all["overruled"]["value"] == 1.0

@@ -107,14 +107,14 @@ def test_a_rule_that_names_nothing_warns_and_is_no_failure(measured: Path, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("keys", "told"),
+    ("keys", "expected"),
     [
         ({"run": 3}, "pose, body or target in [[exclude]] and [[keep]]; run, step and channel are keys for a bench"),
         ({"channel": "d"}, "exclude.1.channel"),
     ],
 )
-def test_invalid_keys_are_faults(keys: dict[str, Any], told: str) -> None:
+def test_invalid_keys_are_faults(keys: dict[str, Any], expected: str) -> None:
     rule = {**keys, "by": "M. Keller", "reason": "leaned on it"}
     with pytest.raises(CampaignFaults) as caught:
         read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "exclude": [rule]})
-    assert told in str(caught.value)
+    assert expected in str(caught.value)

@@ -1,7 +1,7 @@
 """Eccentricity of circular targets: offset of the image ellipse's centre from the image of the circle's centre; and
 normals of circles from their ellipses.
 
-A circle about P with unit normal n and radius r is seen by an ideal camera in the directions v with v^T C v = 0:
+An ideal camera sees a circle about P, with unit normal n and radius r, in the directions v with v^T C v = 0:
 
     C = d^2 1 - d (n P^T + P n^T) + (P^T P - r^2) n n^T,        d = n^T P.
 

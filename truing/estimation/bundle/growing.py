@@ -15,7 +15,7 @@ from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
 from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, PoseNetwork
-from truing.estimation.bundle.orientation import FEWEST, Bundle, Resection, intersect, resect
+from truing.estimation.bundle.orientation import FEWEST_POINTS, Bundle, Resection, intersect, resect
 
 _SAME_ROUND_SHARE = 0.7  # images with this share of the best one's score are oriented in the same round
 _LEAST_AGREEING = 0.5  # share of the points with coordinates that must agree
@@ -113,7 +113,7 @@ def _next_images(grown: Grown) -> list[int]:
     spread = np.bincount(cells, minlength=len(rays.R))
     tried_count = np.zeros(len(rays.R), int)
     tried_count[list(grown.failed)] = [count_at_failure for count_at_failure, _ in grown.failed.values()]
-    score = np.where((count >= FEWEST) & (count > tried_count), np.sqrt(count) * spread, 0.0)
+    score = np.where((count >= FEWEST_POINTS) & (count > tried_count), np.sqrt(count) * spread, 0.0)
     return [int(i) for i in np.flatnonzero((score > 0) & (score >= _SAME_ROUND_SHARE * score.max(initial=0.0)))]
 
 

@@ -18,7 +18,7 @@ from truing.estimation.rotation import exp_so3, skew
 _TRIALS = 12  # pairs of rays tried per point
 _STEPS = 4  # Gauss-Newton steps on the image coordinates
 LEAST_ANGLE = np.radians(2.0)  # rays that meet at a smaller angle do not determine the depth
-FEWEST = 4  # three points leave up to four solutions, the fourth chooses one
+FEWEST_POINTS = 4  # three points leave up to four solutions, the fourth chooses one
 _SAMPLES = 300
 _RESECTION_STEPS = 8
 FEWEST_COMMON = 6  # common points: five leave up to ten solutions, the sixth chooses one
@@ -167,7 +167,7 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     """
     import cv2
 
-    if len(X) < FEWEST:
+    if len(X) < FEWEST_POINTS:
         return None
     origin, size = np.median(X, axis=0), max(float(np.abs(X - np.median(X, axis=0)).max()), 1e-12)
     local = np.ascontiguousarray((X - origin) / size)
@@ -180,17 +180,17 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
         )  # fmt: skip
     except cv2.error:
         return None
-    if not succeeded or ransac_inliers is None or len(ransac_inliers) < FEWEST:
+    if not succeeded or ransac_inliers is None or len(ransac_inliers) < FEWEST_POINTS:
         return None
     best = _refined_motion(cv2.Rodrigues(rotation_vector)[0].T, shift.ravel(), image, local, limit)
     members = np.ravel(ransac_inliers)
-    if len(members) > FEWEST:
+    if len(members) > FEWEST_POINTS:
         for rotation_vector, shift in _resect_all_points(local[members], image[members]):
             candidate = _refined_motion(cv2.Rodrigues(rotation_vector)[0].T, shift.ravel(), image, local, limit)
             best = min(best, candidate, key=_bounded_misses)
     R, t, residual, depth = best
     inliers = (depth > 0) & (residual < limit)
-    if inliers.sum() < FEWEST:
+    if inliers.sum() < FEWEST_POINTS:
         return None
     return Resection(R, origin - R @ t * size, inliers)
 

@@ -29,8 +29,8 @@ from truing.estimation.bundle.growing import (
 )
 from truing.estimation.bundle.network import Markers, Network, NetworkState, PoseNetwork, pose_networks
 from truing.estimation.bundle.orientation import (
-    FEWEST,
     FEWEST_COMMON,
+    FEWEST_POINTS,
     ImagePair,
     common_points,
     relative_orientations,
@@ -301,7 +301,7 @@ def _seeing(grown: Grown, points: Index) -> Index:
 def _starts_from_coordinates(empty: Grown, known: Array) -> Iterator[Grown]:
     """Return the seed from coordinates (P, 3), if an image sees enough of them."""
     observing_images = empty.rays.image[np.isfinite(known[empty.rays.point, 0])]
-    if len(observing_images) and np.bincount(observing_images).max() >= FEWEST:
+    if len(observing_images) and np.bincount(observing_images).max() >= FEWEST_POINTS:
         yield replace(empty, given=known, X=known)
 
 

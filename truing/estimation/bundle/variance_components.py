@@ -14,7 +14,7 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment
 from truing.estimation.bundle.network import Network
 
-POOLED = -1  # in place of a camera or kind number: several small groups share a component
+POOLED_GROUPS = -1  # in place of a camera or kind number: several small groups share a component
 _FEWEST = 30.0  # redundancy below which a group is pooled: its component would be known to 25 % at best
 _BOUNDS = (1e-4, 1e4)  # of a factor; values outside are not measurement noise
 
@@ -22,8 +22,8 @@ _BOUNDS = (1e-4, 1e4)  # of a factor; values outside are not measurement noise
 @dataclass(frozen=True)
 class VarianceComponents:
     """Factors of the rays' covariances: component (N,) of each ray; per component camera (G,) and kind (G,) by number
-    (POOLED if shared by small groups); factor (G,) with its standard deviation sigma (G,), redundancy (G,), and whether
-    the factor is at a bound (G,)."""
+    (POOLED_GROUPS if shared by small groups); factor (G,) with its standard deviation sigma (G,), redundancy (G,), and
+    whether the factor is at a bound (G,)."""
 
     component: Index
     camera: Index
@@ -98,7 +98,7 @@ def initial_components(network: Network, used: Mask, redundancy: Array) -> Varia
 
 
 def _common(numbers: Index) -> int:
-    return int(numbers[0]) if (numbers == numbers[0]).all() else POOLED
+    return int(numbers[0]) if (numbers == numbers[0]).all() else POOLED_GROUPS
 
 
 def updated_components(

@@ -5,8 +5,8 @@ over poses, so that sets are searched by adding and exchanging single poses.
 
 Rivals share their nuisance parameters and have one effect each. After a fit to old and new data, nuisances leave the
 predictions a covariance C common to both; the effect's own parameters add to it, so that rival A predicts N(m_A, C_A).
-If A is right, new measurements change the log odds of A against B, on average, by the divergence of the predictions
-(Box and Hill 1967, Technometrics 9, 57):
+If A is right, new measurements change the log odds of A against B by this divergence, on average (Box and Hill 1967,
+Technometrics 9, 57):
 
     1/2 [ gap^T C_B^-1 gap + tr(C_B^-1 C_A) - n - log det(C_B^-1 C_A) ],    gap = m_A - m_B.
 
@@ -175,9 +175,9 @@ class ChosenPoses:
         """Number of measurements of all candidates together."""
         return sum(self.times)
 
-    def with_values(self, tell: Callable[[float], float]) -> ChosenPoses:
+    def with_values(self, convert: Callable[[float], float]) -> ChosenPoses:
         """Return the choice with its values converted to other terms."""
-        return replace(self, values=tuple(tell(value) for value in self.values))
+        return replace(self, values=tuple(convert(value) for value in self.values))
 
 
 def candidates(fitted: Fitted, conditions: Any, instrument: PointInstrument) -> PoseCandidates:

@@ -170,54 +170,6 @@ def compare(
 
 
 @dataclass(frozen=True)
-class AxisCurve:
-    """Load and displacement along the same axis, step by step (M,), for a figure.
-
-    load in N or N m; measured with sigma, and simulated with sigma, in m or rad, from the zero of the run; branch as in
-    ``load_run.branches``. NaN if the component was not measured.
-    """
-
-    load: Array
-    measured: Array
-    sigma: Array
-    simulated: Array
-    simulated_sigma: Array
-
-    @property
-    def largest(self) -> float:
-        """Largest measured value; NaN if none was measured."""
-        return float(np.max(self.measured, where=np.isfinite(self.measured), initial=-np.inf))
-
-    @property
-    def smallest(self) -> float:
-        """Smallest measured value; NaN if none was measured."""
-        return float(np.min(self.measured, where=np.isfinite(self.measured), initial=np.inf))
-
-
-def axis_curve(
-    axis: int,
-    wrench: ArrayLike,
-    displacement: ArrayLike,
-    covariance: ArrayLike,
-    simulated: ArrayLike,
-    simulated_covariance: ArrayLike | None = None,
-) -> AxisCurve:
-    """Return the curve of one axis (0 .. 5) over the steps with zero load or a load along that axis alone.
-
-    Arguments as in ``fit_compliance`` and ``compare``.
-    """
-    u, y, cov = np.asarray(wrench, float), np.asarray(displacement, float), np.asarray(covariance, float)
-    alone = (np.delete(u, axis, axis=1) == 0.0).all(1) & np.isfinite(y[:, axis])
-    u = u[alone]
-    entry = 7 * axis
-    spread = 0.0 if simulated_covariance is None else float(np.sqrt(np.asarray(simulated_covariance)[entry, entry]))
-    model = float(np.asarray(simulated, float)[axis, axis])
-    return AxisCurve(
-        u[:, axis], y[alone, axis], np.sqrt(cov[alone, axis, axis]), model * u[:, axis], spread * np.abs(u[:, axis])
-    )
-
-
-@dataclass(frozen=True)
 class Loaded:
     """Readings (B, 6), NaN if missing or excluded, with variance (B, 6), and the number of drifts removed.
 

@@ -1,16 +1,12 @@
-"""Runs of a channel: their zeros, and the fit of zero, drift and response to one load that rises and falls.
+"""Runs of loads that rise and fall: zeros of each channel, and differences between loading and unloading.
 
 If a bench was not set to zero before a run, the run starts elsewhere; coordinates do so always.
-
-Columns have the same form as the effects of a campaign (F the load, F_max its largest value), and are comparable with
-an effect's parameters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +18,6 @@ _FAR_SIGMAS = 6.0  # sigmas of a reading from zero, above which a run does not c
 _BY_CHANCE = 1e-4  # probability of the scatter of the starts of a channel's runs
 _FEWEST = 6  # runs whose starts a column may explain
 _MOST = 3.0  # sigmas that one start counts for, so that a single run does not decide for the others
-Term = Literal["zero", "drift", "response", "asymmetry", "cubic", "hysteresis", "material", "air"]
-PLAIN: tuple[Term, ...] = ("zero", "drift", "response")
-_OPEN = 1e-8  # share of a column's square that the others have to leave
 
 
 def start_rows(steps: RecordedSteps) -> Index:
@@ -129,108 +122,6 @@ def branches(load: ArrayLike) -> Index:
     grew = np.where(np.sum(load * before, axis=1) < 0.0, 1.0, np.sign(size - size_before))
     last = np.maximum.accumulate(np.where(grew != 0.0, np.arange(len(load)), -1))
     return np.where(last >= 0, grew[np.maximum(last, 0)], 0.0).astype(np.int64)
-
-
-def run_columns(
-    load: ArrayLike,
-    time_s: ArrayLike,
-    terms: tuple[Term, ...] = PLAIN,
-    *,
-    material_c: ArrayLike | None = None,
-    air_c: ArrayLike | None = None,
-) -> Array:
-    """Return the columns (N, P) of a run's terms at steps (N,).
-
-    zero; drift per second since the first step; response per unit of load; asymmetry and cubic as ``F sign F / 2`` and
-    ``F (F / F_max)^2``; hysteresis: ``4 f (1 - f) sign F`` with ``f = |F| / F_max`` for decreasing load, its widest
-    point one; material and air: temperatures in K since the first step.
-    """
-    load, time = np.asarray(load, float), np.asarray(time_s, float)
-    largest = max(float(np.max(np.abs(load), initial=0.0)), np.finfo(float).tiny)
-    part = np.abs(load) / largest
-    made = {
-        "zero": np.ones_like(load),
-        "drift": time - time[0],
-        "response": load,
-        "asymmetry": 0.5 * np.abs(load),
-        "cubic": load * part**2,
-        "hysteresis": (branches(load) < 0) * 4.0 * part * (1.0 - part) * np.sign(load),
-    }
-    for name, temperature in (("material", material_c), ("air", air_c)):
-        if name in terms:
-            if temperature is None:
-                raise ValueError(f"{name}: found no temperatures, expected one per step ({len(load)})")
-            made[name] = np.asarray(temperature, float) - np.asarray(temperature, float)[0]
-    return np.column_stack([made[term] for term in terms])
-
-
-@dataclass(frozen=True)
-class RunFit:
-    """Fitted terms (P,) of a run: values, covariance (P, P); NaN and infinite variance if ``open``.
-
-    residuals (N,): NaN without a reading; chi_square of them, dof their freedom.
-    """
-
-    terms: tuple[Term, ...]
-    values: Array
-    covariance: Array
-    open: tuple[Term, ...]
-    residuals: Array
-    chi_square: float
-    dof: int
-
-    @property
-    def noise_ratio(self) -> float:
-        """Observed scatter over the declared noise; NaN without freedom."""
-        return float(np.sqrt(self.chi_square / self.dof)) if self.dof > 0 else float("nan")
-
-    def value(self, term: Term) -> tuple[float, float]:
-        """Return value and standard deviation of a term."""
-        at = self.terms.index(term)
-        return float(self.values[at]), float(np.sqrt(self.covariance[at, at]))
-
-    def p_value(self, term: Term) -> float:
-        """Return the two-sided p-value of a term being zero, at the declared noise; NaN if it is open."""
-        from scipy.special import ndtr
-
-        value, sigma = self.value(term)
-        return float(2.0 * ndtr(-abs(value) / sigma)) if np.isfinite(value) else float("nan")
-
-
-def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[Term, ...]) -> RunFit:
-    """Return the fit of readings (N,) with noise sigma by columns (N, P); inseparable terms are open.
-
-    Only a load that returns separates time from load: in a run that only rises, drift and response are inseparable.
-    """
-    y = np.asarray(reading, float)
-    is_observed = np.isfinite(y)
-    weight = np.where(is_observed, 1.0 / np.broadcast_to(np.asarray(sigma, float), y.shape), 0.0)
-    design = columns * weight[:, None]
-    size = np.linalg.norm(design, axis=0)
-    scaled = design / np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    mask = values > _OPEN
-    inverse = (vectors[:, mask] / values[mask]) @ vectors[:, mask].T
-    lost = np.sqrt(np.sum(vectors[:, ~mask] ** 2, axis=1))
-    determined = (lost < np.sqrt(_OPEN)) & (size > 0.0)
-    scale = np.where(size > 0.0, size, 1.0)
-    white = weight * np.where(is_observed, y, 0.0)
-    theta = inverse @ (scaled.T @ white)
-    residual = white - scaled @ theta
-    both = determined[:, None] & determined[None]
-    covariance = np.where(both, inverse / np.outer(scale, scale), 0.0)
-    covariance[~determined, ~determined] = np.inf
-    with np.errstate(divide="ignore", invalid="ignore"):
-        residuals = np.where(is_observed, residual / weight, np.nan)
-    return RunFit(
-        terms,
-        np.where(determined, theta / scale, np.nan),
-        covariance,
-        tuple(term for term, known in zip(terms, determined, strict=True) if not known),
-        residuals,
-        float(residual @ residual),
-        int(is_observed.sum() - mask.sum()),
-    )
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truing.arrays import Array, Index, Mask
-from truing.estimation.interferometry.jumps import Jump, find_jump
-from truing.estimation.interferometry.load_run import RunFit
-from truing.estimation.quality import Scatter
 
 _SAME_SIZE = 0.5  # of the logarithm of a factor: within a factor of 1.6, responses have the same size
 _FEWEST_AT_WALL, _FEWEST_AT_DRIVES = 8, 3
@@ -35,14 +32,6 @@ class LogFaults:
 def _log_faults(wrong: Mask, size: ArrayLike, limit: float) -> LogFaults:
     where = np.flatnonzero(wrong)
     return LogFaults(where, np.broadcast_to(np.asarray(size, float), wrong.shape)[where], limit)
-
-
-def loads_beyond(load: ArrayLike, limit: ArrayLike) -> LogFaults:
-    """Return rows whose load (N,) exceeds its range, (N,) or one number; size: load over range, NaN if the load is
-    NaN."""
-    with np.errstate(invalid="ignore"):
-        share = np.abs(np.asarray(load, float)) / np.asarray(limit, float)
-    return _log_faults(~(share <= 1.0), share, 1.0)
 
 
 def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm: float = 0.01) -> LogFaults:
@@ -94,7 +83,7 @@ def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tole
     """Return runs whose response is the expected one times a unit factor: mm for um, degrees or rad for arcsec.
 
     slope (G,); expected (G,): of the simulation, or the median of similar runs; sigma (G,): of the slope from the run's
-    own scatter (``RunFit.noise_ratio``), since noise has the wrong unit too; tolerance: relative uncertainty of the
+    own scatter, since noise has the wrong unit too; tolerance: relative uncertainty of the
     expectation. Size: factor by which the readings are too large.
     """
     value = np.asarray(slope, float)
@@ -140,16 +129,6 @@ def runs_cut_short(run: Index, step: Index, alike: Index) -> LogFaults:
     return _log_faults(fewer >= 1.0, fewer, 0.0)
 
 
-def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) -> LogFaults:
-    """Return rows that repeat run, step and channel of an earlier row; size: difference of their readings."""
-    value = np.asarray(reading, float)
-    keys = np.stack([run, step, channel], -1)
-    _, first, at = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    prior = first[at.ravel()]
-    repeated = prior != np.arange(len(value))
-    return _log_faults(repeated, np.abs(value - value[prior]), 0.0)
-
-
 def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
     """Return samples (N,) at a clipped end of a signal's range; size: the value there.
 
@@ -190,42 +169,6 @@ def _is_driven_beyond(value: Array, drive: ArrayLike, there: Mask, sign: float) 
         return False
     below = np.searchsorted(np.sort(expected[compared]), expected[there]) / compared.sum()
     return float(np.mean(1.0 - below if sign > 0.0 else below)) > _BEYOND_OTHERS
-
-
-@dataclass(frozen=True)
-class JumpFound:
-    """Runs (F,) with a jump: step after the jump, size, sigma, and p-value."""
-
-    where: Index
-    onset: Index
-    size: Array
-    sigma: Array
-    p_value: Array
-
-
-def jumps(reading: Array, sigma: ArrayLike, columns: Array, false_alarm: float = 0.01) -> JumpFound:
-    """Return runs of readings (G, N) with a jump in addition to their columns (N, P) or (G, N, P).
-
-    false_alarm: for all runs together.
-    """
-    jump: Jump = find_jump(reading, sigma, columns)
-    at = np.flatnonzero(jump.p_value <= false_alarm / max(len(jump.p_value), 1))
-    return JumpFound(at, jump.onset[at], jump.size[at], jump.sigma[at], jump.p_value[at])
-
-
-def drifting(fits: list[RunFit], duration_s: ArrayLike, false_alarm: float = 0.01) -> LogFaults:
-    """Return runs with a drifting zero; size: drift over the duration of the run, in the unit of its readings."""
-    p = np.array([fit.p_value("drift") for fit in fits])
-    rate = np.array([fit.value("drift")[0] for fit in fits])
-    limit = false_alarm / max(len(fits), 1)
-    with np.errstate(invalid="ignore"):
-        return _log_faults(p <= limit, rate * np.asarray(duration_s, float), limit)
-
-
-def noise_of_runs(fits: list[RunFit]) -> Scatter:
-    """Return the scatter of runs about their own fits, in units of the declared noise: ``ratio``, ``p_above`` and
-    ``p_below``."""
-    return Scatter(np.array([fit.chi_square for fit in fits]), np.array([float(fit.dof) for fit in fits]))
 
 
 @dataclass(frozen=True)

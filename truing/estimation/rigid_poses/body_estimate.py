@@ -1,7 +1,7 @@
-"""What the poses of one body have in common, and from it the poses by every estimator, one block after the other.
+"""Poses of one body by every estimator, in blocks of poses, after one estimate of the values that all poses share.
 
-The common part needs all poses: agreeing points, scatter over noise, and without a survey the shape. It holds a few
-numbers per point and pose. Everything else, with matrices for each point, is computed for some poses at a time.
+All poses share the agreeing points, the scatter over noise and, without a survey, the shape (`CommonPart`): a few
+numbers per point and pose. Everything else, with matrices for each point, is computed for a block of poses at a time.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _ROUNDING = 1e-9
 _LARGEST_MOVEMENT = 30.0
 SHAPE_POINTS = 150_000
 """Points from whose poses the shape of a body without a survey is estimated; its other poses are fitted to it."""
-_SEEN_OFTEN = 200  # poses that tell the place of a target
+_SEEN_OFTEN = 200  # poses that determine the place of a target
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class PointNoise:
 
 @dataclass(frozen=True)
 class CommonPart:
-    """What the poses of a body have in common.
+    """Values that all poses of a body share.
 
     source (T, 3) in m, NaN if unknown, with cov_source (T, 3, 3) of the survey; known (T,): with reference position;
     frame (T,): defines the body frame; agreed (B, T): agreeing points; has_consensus (B,): poses with agreeing points,

@@ -7,8 +7,6 @@ import numpy as np
 from truing.arrays import Array, Mask
 from truing.estimation.rotation import rigid_motions
 
-_FEWEST = 3
-
 
 def frame_covariance(points: Array, noise: Array, used: Mask) -> Array:
     """Return the covariance (B, 6, 6) of a frame (p, theta; body axes) fitted to the used targets.

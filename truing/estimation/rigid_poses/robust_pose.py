@@ -210,18 +210,12 @@ def _noise_ratio(robust_fit: RobustFit, body: RobustBody) -> float:
     return float(max(np.median(robust_fit.scatter[majority]), 1.0)) if majority.any() else 1.0
 
 
-def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
+def scatter_of_lengths(length: NDArray, variance: NDArray, observed: NDArray) -> NDArray:
     """Return tau (N,), in m: scatter of each target over the poses beyond its noise, from its median residual.
 
-    source (N, 3), target (B, N, 3), cov_target (B, N, 3, 3), mask (B, N). A target is assumed to move along one line,
-    so that its movement is not underestimated. Zero if too few poses see it.
+    length (B, N) of residuals, m; variance (B, N) per coordinate; observed (B, N). A target is assumed to move along
+    one line, so that its movement is not underestimated. Zero if too few poses see it.
     """
-    length = np.linalg.norm(target - fit.apply(source), axis=-1)
-    return scatter_of_lengths(length, np.trace(cov_target, axis1=-2, axis2=-1) / 3, mask & fit.ok[:, None])
-
-
-def scatter_of_lengths(length: NDArray, variance: NDArray, observed: NDArray) -> NDArray:
-    """Return the result of `target_scatter` from residual lengths (B, N), m, and variances (B, N) per coordinate."""
     tau = np.zeros(observed.shape[1])
     for k in np.flatnonzero(observed.sum(axis=0) >= _FEWEST_POSES):
         rows = observed[:, k]

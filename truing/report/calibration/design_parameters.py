@@ -5,8 +5,8 @@ from __future__ import annotations
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import MODEL_OF_LEGS, PARAMETER, Head
 from truing.report.figure_style import BLUE, GREY, style
-from truing.report.heads import MODEL_OF_LEGS, PARAMETER, Head
 from truing.report.numbers import count_text, plain, quantity, sign
 from truing.report.page import Drawn, Listing
 from truing.report.tables import Row, Tables, table_or_none

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from truing.report.calibration.calibrations import Key, calibration_name, deformation_words, in_order, keys_of, rows_of
-from truing.report.heads import DEFORMATION, MODEL_OF_LEGS, PARAMETER, Head, leg_head
+from truing.report.column_heads import DEFORMATION, MODEL_OF_LEGS, PARAMETER, Head, leg_head
 from truing.report.numbers import p_value, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, name_of, print_unit

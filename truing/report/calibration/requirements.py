@@ -18,8 +18,8 @@ from truing.report.calibration.calibrations import (
     main_calibration,
     rows_of,
 )
+from truing.report.column_heads import DEFORMATION, MODEL_OF_LEGS, Head, schema_head
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
-from truing.report.heads import DEFORMATION, MODEL_OF_LEGS, Head, schema_head
 from truing.report.numbers import count_text, in_one_unit, listed, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import is_by_components, why_absent, why_no_requirement

@@ -30,7 +30,7 @@ from truing.report.calibration.listings import GOOD, all_calibrations, all_devia
 from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.diagnosis.assessed_causes import FOUND, assessed_causes, modelled_of
 from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of
-from truing.report.numbers import count_text, listed, plain, quantity
+from truing.report.numbers import capitalised, count_text, listed, plain, quantity
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_calibration
 from truing.report.section_verdict import SectionVerdict
@@ -120,14 +120,14 @@ def _of_chosen(
     if failed:
         missed = ReasonCode.HELD_OUT_MISSED in failed and float(facts.get("heldout_ratio", 0.0)) > BY_A_FACTOR
         code = ReasonCode.HELD_OUT_MISSED if missed else next(iter(failed))
-        text = f"{who[:1].upper()}{who[1:]} fails the test whether {failed[code].question}. {failed[code].statement}"
+        text = f"{capitalised(who)} fails the test whether {failed[code].question}. {failed[code].statement}"
         return _failed(text, code, misfit, facts)
     if all(test.holds is None for test in tests):
         return _calibrated(
             RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {tests[0].statement}"
         )
     passed = "; ".join(test.question for test in tests if test.holds)
-    return _calibrated(RelationState.OK, ReasonCode.FITS, f"{who[:1].upper()}{who[1:]} fits: {passed}.", misfit)
+    return _calibrated(RelationState.OK, ReasonCode.FITS, f"{capitalised(who)} fits: {passed}.", misfit)
 
 
 def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series) -> SectionVerdict:
@@ -262,7 +262,7 @@ def _choice(chosen: Key, facts: pd.Series, *, of_recorded: bool) -> str:
     if _is_known(facts, "rms_pull"):
         because.append(f"its rms pull is {plain(facts['rms_pull'])} (about 1 if tolerances explain the geometry)")
     reasons = " and ".join(because)
-    text += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
+    text += f" {capitalised(reasons)}." if reasons else ""
     left = int(facts.get("poses_downweighted", 0.0) or 0)
     who = f"{count_text(left, 'pose')} that {'contradicts' if left == 1 else 'contradict'} all others"
     return f"{text} {who} {'was' if left == 1 else 'were'} left out." if left else text

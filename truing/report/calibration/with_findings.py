@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from truing.report.heads import Head, schema_head
+from truing.report.column_heads import Head, schema_head
 from truing.report.numbers import count_text, listed, plain, sign
 from truing.report.page import Listing, Verdict
 from truing.report.tables import Tables, cell, table_or_none

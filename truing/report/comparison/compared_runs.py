@@ -9,8 +9,8 @@ import pandas as pd
 from truing.report.calibration.calibrations import calibration_name as calibration_words
 from truing.report.calibration.calibrations import figures_by_calibration, main_calibration
 from truing.report.calibration.requirements import chosen_requirements, main_requirements, tally
+from truing.report.column_heads import LOAD, Head, schema_head
 from truing.report.diagnosis.effect_units import handy_unit
-from truing.report.heads import LOAD, Head, schema_head
 from truing.report.numbers import plain, printed, quantity, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import name_of, print_unit

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import Head
 from truing.report.comparison.compared_runs import (
     RunComparison,
     accuracy,
@@ -23,7 +24,6 @@ from truing.report.comparison.compared_runs import (
 from truing.report.diagnosis.assessed_causes import REMAINDER
 from truing.report.diagnosis.pulls import pull_figure
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, figure_template, label, style
-from truing.report.heads import Head
 from truing.report.numbers import count_text
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import MEANING, kind_of

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from truing.belonging.relation import RelationState
+from truing.report.column_heads import CORRECTED_P, Head
 from truing.report.diagnosis.assessed_causes import (
     AssessedCause,
     accepted_of,
@@ -17,8 +18,7 @@ from truing.report.diagnosis.assessed_causes import (
 from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words, used_words
 from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
-from truing.report.heads import CORRECTED_P, Head
-from truing.report.numbers import count_text, p_value, rough, rough_quantity
+from truing.report.numbers import capitalised, count_text, p_value, rough, rough_quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Row, Tables, cell, table_or_none
@@ -168,7 +168,7 @@ def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict
 def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str) -> SectionVerdict:
     """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
     wrong unnoticed."""
-    ratio, also = _times_noise(overall), f". {short[:1].upper()}{short[1:]}" if short else ""
+    ratio, also = _times_noise(overall), f". {capitalised(short)}" if short else ""
     size, floor = (rough_quantity(value, overall.unit) for value in (overall.after, overall.floor or 0.0))
     if overall.of_fit > (overall.floor or 0.0):
         of_fit = rough_quantity(overall.of_fit, overall.unit)
@@ -185,7 +185,7 @@ def _verdict_below_noise(overall: Overall, none: str, noise: str) -> SectionVerd
     text = f"{none}the rms error of predictions is only {size}, significantly less than {noise} "
     text += f"({rough_quantity(overall.floor or 0.0, overall.unit)}): {overall.why_below}. Correct [noise]: at the "
     text += "present value, small effects may be missed."
-    text = text[:1].upper() + text[1:]
+    text = capitalised(text)
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, text, _times_noise(overall), "1")
 
 

@@ -7,10 +7,10 @@ import re
 import pandas as pd
 
 from truing.report.chain_corrections import estimates_zeros
+from truing.report.column_heads import CAUSE, PARAMETER, Head
 from truing.report.diagnosis.assessed_causes import FOUND, NOT_TESTABLE, REJECTED, SUSPECTED, AssessedCause
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
-from truing.report.heads import CAUSE, PARAMETER, Head
 from truing.report.numbers import count_text, printed
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, table_or_none

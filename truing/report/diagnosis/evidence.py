@@ -7,6 +7,7 @@ import math
 import numpy as np
 import plotly.graph_objects as go
 
+from truing.report.column_heads import CAUSE, UNIT, Head
 from truing.report.diagnosis.assessed_causes import (
     EQUAL_ODDS,
     FOUND,
@@ -19,7 +20,6 @@ from truing.report.diagnosis.assessed_causes import (
     accepted_of,
 )
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
-from truing.report.heads import CAUSE, UNIT, Head
 from truing.report.numbers import count_text, p_equals, p_value, plain, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import UNBROKEN

@@ -11,6 +11,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
+from truing.report.column_heads import RMS_AFTER, RMS_BEFORE, UNIT, Head
 from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.assessed_causes import AssessedCause, modelled_of, share_removed
 from truing.report.diagnosis.prediction_errors import (
@@ -37,7 +38,6 @@ from truing.report.figure_style import (
     size_axis,
     style,
 )
-from truing.report.heads import RMS_AFTER, RMS_BEFORE, UNIT, Head
 from truing.report.numbers import plain, rough, rough_quantity, sign
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.tables import Tables, table_or_none

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.report.diagnosis.assessed_causes import FOUND, RIVAL, AssessedCause, accepted_of, assessed_causes
 from truing.report.diagnosis.findings import UNNAMED, expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, overall, part_names
-from truing.report.numbers import count_text, printed, rough, rough_quantity, with_uncertainty
+from truing.report.numbers import capitalised, count_text, printed, rough, rough_quantity, with_uncertainty
 from truing.report.tables import Tables, table_or_none
 from truing.report.wordings import catalogue
 from truing.report.wordings.claim import Reach
@@ -37,7 +37,7 @@ def clause(row: AssessedCause, tables: Tables) -> str:
     is_unnamed = row.cause == "unexplained" and row.verdict == FOUND
     has_equal = is_unnamed and any(assessed_cause.verdict == RIVAL for assessed_cause in assessed_causes(tables))
     unnamed = UNNAMED if is_unnamed and not has_equal else ""
-    return printed(f"{text[:1].upper()}{text[1:]}{unnamed}")
+    return printed(f"{capitalised(text)}{unnamed}")
 
 
 def gain(causes: list[AssessedCause], tables: Tables) -> str:

@@ -7,7 +7,7 @@ import re
 import pandas as pd
 
 from truing.report.diagnosis.assessed_causes import FOUND, AssessedCause, accepted_of
-from truing.report.numbers import rough
+from truing.report.numbers import capitalised, rough
 from truing.report.page import ReportSection
 from truing.report.tables import Tables, load_steps, table_or_none
 from truing.report.wordings.bench_wordings import load_words
@@ -26,7 +26,7 @@ def unrecorded_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection
     if not acted or table_or_none(tables, "sensor_matrix") is None:
         return None
     text = load_warning(rows, tables) or (
-        f"{_upper(acted)}. The calibration of the sensor includes this, as [diagnosis] apply asks. Using nominal "
+        f"{capitalised(acted)}. The calibration of the sensor includes this, as [diagnosis] apply asks. Using nominal "
         "loads biases the calibration matrix; residuals would not reveal it, because every run has the same bias."
     )
     return ReportSection("swallowed", _TITLE, text, see=(("calibration", "Calibration of the sensor"),))
@@ -48,10 +48,6 @@ def _corrected_loads(rows: list[AssessedCause], tables: Tables) -> str:
         return ""
     steps = load_steps(tables)
     return "; ".join(text for row in accepted_rows for text in _other_load_text(row, steps))
-
-
-def _upper(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
 
 
 def _used_corrected_loads(tables: Tables) -> bool:

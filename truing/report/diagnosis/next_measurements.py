@@ -10,11 +10,11 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import pandas as pd
 
+from truing.report.column_heads import CAUSE, Head, schema_head
 from truing.report.diagnosis.assessed_causes import AssessedCause
 from truing.report.diagnosis.next_steps import NextStep, next_steps
 from truing.report.diagnosis.prediction_errors import part_names
-from truing.report.heads import CAUSE, Head, schema_head
-from truing.report.numbers import count_text, printed
+from truing.report.numbers import capitalised, count_text, printed
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, table_or_none
 from truing.schemas.needs import Need
@@ -64,7 +64,7 @@ def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportS
     """Return the section of requested measurements by need, with a table of configurations or runs for each purpose."""
     steps = next_steps(rows, tables)
     asked = tuple(
-        ("next", f"{_upper(step.purpose)}: {step.short_text}") for step in steps if step.need != Need.TESTABLE
+        ("next", f"{capitalised(step.purpose)}: {step.short_text}") for step in steps if step.need != Need.TESTABLE
     )
     untested = tuple((step.purpose, step.words) for step in steps if step.need == Need.TESTABLE)
     listings = _computed(tables)
@@ -176,7 +176,3 @@ def _steps(table: pd.DataFrame) -> Iterator[list[str]]:
     """Return every step in the order of application."""
     for row in table[list(_STEPS)].itertuples(index=False):
         yield [cell(value) if isinstance(value, str) else f"{value:g}" for value in row]
-
-
-def _upper(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:]}"

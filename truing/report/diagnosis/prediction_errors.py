@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from truing.report.diagnosis.assessed_causes import AssessedCause, modelled_of, total_gain
 from truing.report.diagnosis.findings import IN_TURN
 from truing.report.numbers import plain
-from truing.report.tables import STEP, Tables, in_channel_order, is_bench, load_steps, table_or_none
+from truing.report.tables import STEP_KEYS, Tables, in_channel_order, is_bench, load_steps, table_or_none
 
 # Standard deviation of a normal distribution over the median of its absolute values.
 _MEDIAN_TO_SIGMA = 1.4826
@@ -144,8 +144,8 @@ def reading_misses(tables: Tables) -> pd.DataFrame | None:
     if errors is None:
         return None
     steps_with_errors = errors.rename(columns={"missed_before": "before", "missed_after": "after"})
-    steps_with_errors = steps_with_errors.merge(_steps(tables), on=STEP, how="left").merge(
-        _sigma(tables), on=[*STEP, "channel"], how="left"
+    steps_with_errors = steps_with_errors.merge(_steps(tables), on=STEP_KEYS, how="left").merge(
+        _sigma(tables), on=[*STEP_KEYS, "channel"], how="left"
     )
     steps_with_errors = steps_with_errors.sort_values(["start", "time_s", "step"], kind="stable").reset_index(drop=True)
     left = steps_with_errors["after"].abs().groupby(steps_with_errors["channel"]).transform("median") * _MEDIAN_TO_SIGMA
@@ -169,7 +169,7 @@ def _sigma(tables: Tables) -> pd.DataFrame:
     readings = table_or_none(tables, "readings")
     if readings is None:
         return pd.DataFrame({"run": [], "step": [], "channel": [], "sigma": []}).astype({"channel": object})
-    return readings[[*STEP, "channel", "sigma"]]
+    return readings[[*STEP_KEYS, "channel", "sigma"]]
 
 
 def root_mean_square(values: pd.Series) -> float:

@@ -11,9 +11,9 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from truing.belonging.relation import RelationState
+from truing.report.column_heads import FREEDOM, PARAMETER, UNIT, Head, P
 from truing.report.diagnosis.prediction_errors import PartNames, part_names
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
-from truing.report.heads import FREEDOM, PARAMETER, UNIT, Head, P
 from truing.report.numbers import count_text, p_equals, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, print_unit

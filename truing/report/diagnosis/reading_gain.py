@@ -8,9 +8,9 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from truing.report.column_heads import CHANNEL, RMS_AFTER, RMS_BEFORE, UNIT, Head
 from truing.report.diagnosis.prediction_errors import READINGS, channels_of, rms_with_interval, root_mean_square
 from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, style
-from truing.report.heads import CHANNEL, RMS_AFTER, RMS_BEFORE, UNIT, Head
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing
 from truing.report.tables import LOAD_UNITS, SEVERAL, axes_loaded_by_run, axes_of, is_unloading, loaded_by_run

@@ -12,6 +12,7 @@ import plotly.graph_objects as go
 from truing.report.absorption import absorbed_by, most_shifted_words
 from truing.report.calibration.calibrations import displayed_calibration
 from truing.report.coefficient_map import coefficient_map
+from truing.report.column_heads import CAUSE, PARAMETER, UNIT, Head
 from truing.report.diagnosis.adequacy import adequacy
 from truing.report.diagnosis.assessed_causes import RIVAL, SUSPECTED, AssessedCause, accepted_of, assessed_causes
 from truing.report.diagnosis.detectable_sizes import hidden
@@ -23,10 +24,9 @@ from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.load_corrections import unrecorded_loads
 from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
-from truing.report.diagnosis.words import certainty, counted, lower
+from truing.report.diagnosis.verdict_sentences import certainty, counted, lower
 from truing.report.figure_style import BAR, BLUE, GREY, label, style
-from truing.report.heads import CAUSE, PARAMETER, UNIT, Head
-from truing.report.numbers import count_text, printed, rough, sign, with_uncertainty
+from truing.report.numbers import capitalised, count_text, printed, rough, sign, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_diagnosis
 from truing.report.tables import Tables, cell, table_or_none
@@ -48,7 +48,7 @@ def diagnosis(tables: Tables) -> ReportSection | None:
     rows = assessed_causes(tables)
     if not rows:
         why = why_no_diagnosis(tables)
-        return ReportSection("diagnosis", _TITLE, why[:1].upper() + why[1:])
+        return ReportSection("diagnosis", _TITLE, capitalised(why))
     accepted = accepted_of(rows)
     rivals = [row for row in rows if row.verdict == RIVAL]
     conditional = [row for row in accepted if row.is_conditional]

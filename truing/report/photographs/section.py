@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from truing.report.heads import POSE, Head
+from truing.report.column_heads import POSE, Head
 from truing.report.numbers import count_text, in_suitable_unit, plain, printed, quantity, with_uncertainty
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
 
-from truing.report.heads import meaning_of
+from truing.report.column_heads import meaning_of
 from truing.schemas.glossary import Term, glossary
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from truing.report.calibration.calibrations import calibration_name, displayed_calibration, rows_of
-from truing.report.heads import LEG, Head
+from truing.report.column_heads import LEG, Head
 from truing.report.numbers import count_text, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.parameter_names import kind_of, print_unit

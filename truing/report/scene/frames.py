@@ -9,8 +9,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from truing.report.column_heads import Head
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
-from truing.report.heads import Head
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import XYZ, Tables, table_or_none
 from truing.schemas.calibration_columns import LEG_JOINTS

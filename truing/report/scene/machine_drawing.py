@@ -70,7 +70,7 @@ def machine_drawing(tables: Tables) -> str:
 
 @dataclass(frozen=True)
 class FailingNames:
-    """What failed checks name: legs by number, and words in which names of bodies, targets and joints stand."""
+    """Parts that failed checks name: legs by number, and words in which names of bodies, targets and joints stand."""
 
     legs: frozenset[int] = frozenset()
     words: str = ""

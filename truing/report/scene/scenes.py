@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truing.report.calibration.calibrations import displayed_calibration, rows_of
 from truing.report.numbers import with_uncertainty
-from truing.report.scene.view import MOST_POINTS, DrawnScene
+from truing.report.scene.view import MOST_DRAWN, DrawnScene
 from truing.report.tables import LOAD_UNITS, LOADS, SHIFT, SIGMA, XYZ, Tables, table_or_none
 
 _PLACE = ["px_mm", "py_mm", "pz_mm"]
@@ -88,7 +88,7 @@ def _slider_poses(residuals: pd.DataFrame, points: int) -> list[int | str]:
     """Return the poses of the slider: those with the largest deformation first, as many as a page holds."""
     size = (residuals[SHIFT] ** 2).sum(axis=1).groupby(residuals["pose"], sort=False).mean()
     order = size.sort_values(ascending=False, kind="stable").index
-    return list(order[: max(1, MOST_POINTS // max(points, 1))])
+    return list(order[: max(1, MOST_DRAWN // max(points, 1))])
 
 
 def _points(
@@ -223,7 +223,7 @@ def load_scene(tables: Tables) -> DrawnScene | None:
     known = known[known[list(LOADS.values())].ne(0.0).any(axis=1)]
     if not len(known):
         return None
-    known = _largest_first(known).iloc[: MOST_POINTS // len(joints)]
+    known = _largest_first(known).iloc[: MOST_DRAWN // len(joints)]
     lower, upper = (joints[[f"{joint}{axis}_mm" for axis in "xyz"]].to_numpy(dtype=float) for joint in "ab")
     points = np.broadcast_to(upper, (len(known), *upper.shape)).copy()
     turn, moved = known[_TURNED].to_numpy(dtype=float), known[_MOVED].to_numpy(dtype=float)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 
 # Most points times steps on a page; of more steps, those with the largest displacements are kept.
-MOST_POINTS = 6000
+MOST_DRAWN = 6000
 # Decades of selectable gains above and below the suitable one.
 _BEYOND = 10.0
 _TALLEST = 0.95  # largest height of a scene relative to the view, so that its top is not cut

@@ -11,10 +11,10 @@ import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
 from truing.report.calibration.with_findings import compared_calibrations, data_words
+from truing.report.column_heads import LOAD, UNIT, Head
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.load_corrections import load_warning
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, style
-from truing.report.heads import LOAD, UNIT, Head
 from truing.report.model_tests import ModelTest, below_noise, listing_of
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection

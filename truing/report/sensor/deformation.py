@@ -10,11 +10,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from truing.belonging.relation import RelationState
+from truing.report.column_heads import FIGURE, LOAD, UNIT, VALUE, Head
 from truing.report.comparison_map import ComparedEntries, comparison_map
 from truing.report.deformation_section import compliance_map
 from truing.report.error_figures import error_figure_words
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
-from truing.report.heads import FIGURE, LOAD, UNIT, VALUE, Head
 from truing.report.model_tests import CONTRADICTED, REJECTED, ModelTest, by_p, listing_of
 from truing.report.numbers import count_text, p_equals, p_value, plain, printed, quantity, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection

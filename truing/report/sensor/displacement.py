@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import CHANNEL, LOAD, RUN, UNIT, Head, P
 from truing.report.figure_style import BAR, BLUE, MANY_POINTS, ORANGE, RED, label, panel_grid, style
-from truing.report.heads import CHANNEL, LOAD, RUN, UNIT, Head, P
 from truing.report.numbers import count_text, p_value, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import CHANNELS, LOADS, Tables, moved_unit, reason, table_or_none

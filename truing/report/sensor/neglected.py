@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from truing.report.heads import UNIT, Head
+from truing.report.column_heads import UNIT, Head
 from truing.report.numbers import count_text, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, per_kilo, table_or_none

@@ -12,8 +12,8 @@ import plotly.graph_objects as go
 from truing.arrays import Array
 from truing.belonging.relation import RelationState
 from truing.report.axis_page import ENCODERS
+from truing.report.column_heads import RUN, Head
 from truing.report.figure_style import BLUE, ORANGE, label, style
-from truing.report.heads import RUN, Head
 from truing.report.measured_loads import corrections
 from truing.report.numbers import count_text, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import plotly.graph_objects as go
 
+from truing.report.column_heads import UNIT, Head
 from truing.report.figure_style import GREEN
-from truing.report.heads import UNIT, Head
 from truing.report.numbers import count_text, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.tables import CHANNELS, LOADS, Row, Tables, cell, kilo, table_or_none

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.column_heads import Head
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, figure_template, style
-from truing.report.heads import Head
 from truing.report.numbers import percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.tables import Tables, table_or_none

@@ -18,7 +18,7 @@ SURE = 2.0
 # Setting of an accepted cause with the earliest and the latest possible onset (95 %).
 ONSET_BETWEEN = "onset_between"
 # Number of sizes that a clause gives one by one.
-_TOLD = 3
+_MOST_SHOWN = 3
 
 
 @dataclass(frozen=True)
@@ -187,9 +187,9 @@ def largest_change_words(claim: Claim) -> str:
 
 def with_sizes(text: str, claim: Claim) -> str:
     """Return a clause with sizes: parameters or, where these are many, the largest change of measured quantities."""
-    if len(claim.sizes) > _TOLD and claim.largest_motion is not None:
+    if len(claim.sizes) > _MOST_SHOWN and claim.largest_motion is not None:
         return text + largest_change_words(claim)
-    sizes = ", ".join(f"{size.name} {size_in_words(size)}" for size in claim.sizes[:_TOLD])
+    sizes = ", ".join(f"{size.name} {size_in_words(size)}" for size in claim.sizes[:_MOST_SHOWN])
     return f"{text}: {sizes}" if sizes else text
 
 

@@ -15,7 +15,7 @@ from truing.belonging.relation import RelationState
 from truing.estimation.uncertainty_budget import NOT_HELD
 from truing.report.numbers import plain
 from truing.report.tables import Row
-from truing.report.uncertainty_section import KINDS, statement
+from truing.report.uncertainty_section import TITLES_BY_KIND, statement
 from truing.runs.recorded_run import Run
 from truing.schemas.certificate import Certificate, Contact, Item
 from truing.schemas.verdict import INCOMPLETE, OF_MODEL, Relation
@@ -174,7 +174,7 @@ def _model_based_results(run: Run) -> list[str]:
     simulated machine."""
     relations = run["diagnosis"]["relation"].dropna().unique() if "diagnosis" in run else ()
     measured = _MEASURED if all(Relation(name).is_simulated for name in relations) else _MEASURED[1:]
-    return [kind for kind in KINDS if kind not in measured]
+    return [kind for kind in TITLES_BY_KIND if kind not in measured]
 
 
 def valid_results(run: Run) -> _Qualified:
@@ -187,11 +187,11 @@ def valid_results(run: Run) -> _Qualified:
     if doubted := doubts(run):
         kinds = [kind for kind in _model_based_results(run) if (good["result"] == kind).any()]
         good = good[~good["result"].isin(kinds)]
-        left_out += [f"{', '.join(KINDS[kind] for kind in kinds)}: {' '.join(doubted)}"] if kinds else []
+        left_out += [f"{', '.join(TITLES_BY_KIND[kind] for kind in kinds)}: {' '.join(doubted)}"] if kinds else []
     for kind, off in _biasing_causes(parts).items():
         if (good["result"] == kind).any():
             good = good[good["result"] != kind]
-            left_out.append(f"{KINDS[kind]}: {', '.join(off)}: {NOT_HELD}.")
+            left_out.append(f"{TITLES_BY_KIND[kind]}: {', '.join(off)}: {NOT_HELD}.")
     unknown = [unit for unit in dict.fromkeys(good["unit"].fillna("1")) if si_unit(unit) is None]
     if unknown:
         good = good[~good["unit"].fillna("1").isin(unknown)]
@@ -348,7 +348,7 @@ def _add_results(
     parent: Element, results: pd.DataFrame, methods: tuple[str, ...], circumstances: Callable[[Element], None]
 ) -> None:
     """Append a measurement result per kind, in the order of the page; ``circumstances`` appends its conditions."""
-    for kind, title in KINDS.items():
+    for kind, title in TITLES_BY_KIND.items():
         rows_of_kind = results[results["result"] == kind]
         if len(rows_of_kind):
             _kind(parent, kind, title, rows_of_kind, methods, circumstances)

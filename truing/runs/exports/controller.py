@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
 _UNLIKELY = 0.05  # familywise p-value of the pulls of all parameters
-FAR = 3.0  # pull of a chain's number from which its tolerance does not explain it
+IMPLAUSIBLE_PULL = 3.0  # pull of a chain's number from which its tolerance does not explain it
 _CAUTIONS = {
     "not-determined": "the measurements do not determine it: it stands near its nominal value, or trades with others",
     "far-from-nominal": "it is farther from nominal than its tolerance explains: it takes up what the model misses",
@@ -75,7 +75,7 @@ def reasons_for_caution(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str]
         for row in run["chain_parameters"].itertuples():
             if not row.identifiable:
                 reasons[f"joint {row.joint}", row.parameter] = "not-determined"
-            elif abs(row.pull) > FAR:
+            elif abs(row.pull) > IMPLAUSIBLE_PULL:
                 reasons[f"joint {row.joint}", row.parameter] = "far-from-nominal"
     if "diagnosis" in run:
         rows = run["diagnosis"]

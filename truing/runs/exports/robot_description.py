@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
-from truing.runs.exports.controller import FAR, reasons_for_caution
+from truing.runs.exports.controller import IMPLAUSIBLE_PULL, reasons_for_caution
 from truing.runs.exports.csv_text import csv_bytes
 from truing.runs.recorded_run import Run
 from truing.schemas.faults import CampaignFaults, Fault
@@ -222,10 +222,13 @@ def _notes(
     for joint, rows_of_joint in parameters.groupby("joint", sort=False) if parameters is not None else ():
         if not joint:
             continue  # the place of the base in the measurement is not in the file
-        far = rows_of_joint["identifiable"] & (rows_of_joint["pull"].abs() > FAR)
+        far = rows_of_joint["identifiable"] & (rows_of_joint["pull"].abs() > IMPLAUSIBLE_PULL)
         for words, rows in (
             ("determined by the data", rows_of_joint[rows_of_joint["identifiable"] & ~far]),
-            (f"determined, but more than {FAR:g} standard deviations from nominal, no physics", rows_of_joint[far]),
+            (
+                f"determined, but more than {IMPLAUSIBLE_PULL:g} standard deviations from nominal, no physics",
+                rows_of_joint[far],
+            ),
             ("not determined by the data, no physics", rows_of_joint[~rows_of_joint["identifiable"]]),
         ):
             if len(rows):

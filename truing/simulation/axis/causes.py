@@ -27,7 +27,6 @@ from truing.simulation.inputs import TEMPERATURE, Missing, varying_columns
 # Most probable element first: if readings cannot distinguish two, it is named first.
 ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
 SUBJECTS = {TRANSMISSION: "axis", MEASURED: "instrument", LOAD: "encoder load", MOTOR: "encoder motor"}
-_STEPS = {TRANSMISSION: Step.STRUCTURE}
 _PLAUSIBLE_SCALE = 1e-4
 _PLAUSIBLE_GROWTH = 1e-5  # 1/K
 # Fixed points of growth that are tried besides command zero, as shares of the travel.

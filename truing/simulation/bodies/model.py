@@ -23,7 +23,7 @@ from truing.simulation.mechanisms.forward_pass import ForwardPass, moved_by_shap
 from truing.simulation.mechanisms.legs.closures import Closure, Legs
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene, applied
 from truing.simulation.mechanisms.recording import (
-    COMMON,
+    FROM_PHOTOGRAPHS,
     Conditions,
     LegFrames,
     RecordedModel,
@@ -228,7 +228,7 @@ class BodyModel(RecordedModel):
     def _shared_known(self) -> NDArray:
         known = np.zeros(self.shared_size, bool)
         known[self.layout["shape"]] = self.known.surveyed
-        known[self.layout.get(COMMON, slice(0))] = True
+        known[self.layout.get(FROM_PHOTOGRAPHS, slice(0))] = True
         return known
 
     def _name(self, body: int) -> str:

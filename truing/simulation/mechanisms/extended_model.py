@@ -20,7 +20,7 @@ from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
 from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
 from truing.simulation.mechanisms.point_causes import PointCause
-from truing.simulation.mechanisms.recording import COMMON, Conditions
+from truing.simulation.mechanisms.recording import FROM_PHOTOGRAPHS, Conditions
 from truing.simulation.mechanisms.structures.structure import Machine
 from truing.simulation.model_text import (
     context_of,
@@ -80,7 +80,7 @@ class PredictedPoses:
 def extended(model: MechanismModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
     """Return the extended model of a fit over targets: geometry and effects with their joint covariance."""
     on_body = model.targets.body != LEG
-    parts = [part for name, part in model.layout.items() if name not in ("shape", "seat", COMMON)]
+    parts = [part for name, part in model.layout.items() if name not in ("shape", "seat", FROM_PHOTOGRAPHS)]
     columns_kept = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     smaller = with_targets(model, on_body)
     sigma = survey_noise(model)[on_body]

@@ -238,7 +238,7 @@ def _equal(first: NDArray, second: NDArray) -> bool:
 
 
 # Part of the shared unknowns with the errors common to all photographs.
-COMMON = "photographs"
+FROM_PHOTOGRAPHS = "photographs"
 
 
 @dataclass(frozen=True)
@@ -294,7 +294,7 @@ class RecordedModel(EffectsModel[PointCause]):
     @property
     def _common_sizes(self) -> dict[str, int]:
         """Number of errors common to the photographs of all poses, by part; empty without photographs."""
-        return {} if self.photographed is None else {COMMON: self.photographed.errors}
+        return {} if self.photographed is None else {FROM_PHOTOGRAPHS: self.photographed.errors}
 
     @property
     def _pose_size(self) -> int:
@@ -311,7 +311,7 @@ class RecordedModel(EffectsModel[PointCause]):
         """Return points (B, K, 3) plus the common errors of the photographs of all poses, and of each pose."""
         conditions = self.conditions
         if conditions.common_errors is not None:
-            points = points + conditions.common_errors @ shared[self.layout[COMMON]]
+            points = points + conditions.common_errors @ shared[self.layout[FROM_PHOTOGRAPHS]]
         if conditions.pose_errors is not None:
             errors = local[:, None, local.shape[1] - self._pose_size :, None]
             points = points + (conditions.pose_errors @ errors)[..., 0]
@@ -325,7 +325,7 @@ class RecordedModel(EffectsModel[PointCause]):
     def _fill_common(self, by_shared: NDArray) -> None:
         """Fill the derivatives by the common errors of all photographs."""
         if self.conditions.common_errors is not None:
-            by_shared[..., self.layout[COMMON]] = self.conditions.common_errors
+            by_shared[..., self.layout[FROM_PHOTOGRAPHS]] = self.conditions.common_errors
 
     def _fill_instruments(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         """Fill the derivatives by the parameters of the instrument's effects."""

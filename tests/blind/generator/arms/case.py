@@ -27,7 +27,7 @@ Parameters = dict[str, dict[str, float | str]]
 
 @dataclass(frozen=True)
 class Case:
-    """A campaign of an arm with effects in it, each as strong alone as it is told."""
+    """A campaign of an arm with effects in it, each as strong alone as stated."""
 
     campaign: ArmCampaign
 
@@ -36,11 +36,11 @@ class Case:
         write(self.campaign, folder)
         effects = self.campaign.effects
         strengths = [float("inf") if e.cause in WITHOUT_SIZE else round(e.strength, 3) for e in effects]
-        reported = {"legs": 0, "effects": [self._told(effect) for effect in effects], "strengths": strengths}
+        reported = {"legs": 0, "effects": [self._reported(effect) for effect in effects], "strengths": strengths}
         truth_path(folder).write_text(json.dumps(truth(self.campaign) | reported, indent=1) + "\n", encoding="utf-8")
         return folder
 
-    def _told(self, effect: Effect) -> Mapping[str, object]:
+    def _reported(self, effect: Effect) -> Mapping[str, object]:
         own = {"cause": effect.cause, "subject": effect.subject}
         if effect.cause != "foreign":
             return {**own, "parameters": reported_parameters(effect, self.campaign)}
@@ -64,7 +64,7 @@ def layouts_for(names: Sequence[str]) -> list[str]:
 
 
 def draw_two(rng: np.random.Generator) -> tuple[str, str]:
-    """Two effects of the catalogue that can be told apart.
+    """Two effects of the catalogue that can be distinguished.
 
     An exchange of columns stands alone; where masses are unknown, what needs them cannot be named.
     """
@@ -83,7 +83,8 @@ def inputs(effect: Effect) -> list[str]:
 
 
 def reported_parameters(effect: Effect, campaign: ArmCampaign) -> Parameters:
-    """Parameters of an effect by names and units of a diagnosis; a lag is told as what remains at the shortest wait.
+    """Parameters of an effect by names and units of a diagnosis; a lag is reported as what remains at the shortest
+    wait.
 
     None of a curve, whose teeth are sharper than any spline.
     """

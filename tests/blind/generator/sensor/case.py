@@ -35,8 +35,8 @@ class Case(HiddenCase):
         write_campaign(campaign, folder, self.plan.seed)
 
     @property
-    def told(self) -> Mapping[str, str]:
-        return {**super().told, "channels": self.plan.layout.programme.channels}
+    def reported(self) -> Mapping[str, str]:
+        return {**super().reported, "channels": self.plan.layout.programme.channels}
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def _hide_one(measure: Measure, name: str, wanted: float, rng: np.random.Generat
 
 
 def layouts_for(names: Sequence[str]) -> list[str]:
-    """The layouts in which effects of these names can be hidden, and told from each other."""
+    """The layouts in which effects of these names can be hidden and distinguished from each other."""
     needs = frozenset[str]().union(*(KINDS[name].needs for name in names))
     without: set[str] = set()
     if "both" in needs:

@@ -1,6 +1,6 @@
 """Hidden effects on the bench that a plain simulation leaves out: one class each, at the step where it acts.
 
-Axes of load and channels are told by their place, 0 to 5. ``Per`` one of them is what nearly all effects are.
+Axes of load and channels are given by their place, 0 to 5. ``Per`` one of them is what nearly all effects are.
 """
 
 from __future__ import annotations

@@ -200,7 +200,7 @@ class NoisyRun(Effect):
 
 @dataclass(frozen=True)
 class Crosstalk(Effect):
-    """A signal channel carries a fraction of another; both told by their place."""
+    """A signal channel carries a fraction of another; both given by their place."""
 
     signal: int
     source: int

@@ -1,6 +1,6 @@
 """Further uncatalogued effects, added after the diagnosis was complete; the diagnosis was not adapted to them.
 
-What they show is told apart from what was there while the diagnosis was built.
+What they show is kept apart from what was there while the diagnosis was built.
 """
 
 from __future__ import annotations

@@ -136,13 +136,13 @@ def diagnosed(
     seed: int,
     orientation: bool = False,
     gears: bool = False,
-    told: Callable[[ChainModel], ChainModel] = lambda model: model,
+    described: Callable[[ChainModel], ChainModel] = lambda model: model,
     given: Sequence[ChainCause] = (),
 ) -> CauseDiagnosis:
     """What a search says of a campaign whose geometry and zeros are drawn from their tolerances.
 
     Orders of ``gears`` are searched only where a test is about them, because that takes time. The search knows the
-    model as ``told``. ``given`` causes are in the model from the start.
+    model as ``described``. ``given`` causes are in the model from the start.
     """
     rng = np.random.default_rng(seed)
     model = campaign(rng, 60, 1 if orientation else 2, orientation)
@@ -167,7 +167,7 @@ def diagnosed(
     covariance = np.broadcast_to((sigma**2)[..., None] * np.eye(3), (*values.shape, 3))
     measured = Observations(values, covariance, np.ones(values.shape[:2], bool))
     frames = Frames(np.tile(np.eye(3), (60, 1, 1)), np.zeros((60, 3)), free=False)
-    model = told(model)
+    model = described(model)
     epochs = Epochs(measured, model.conditions, frames)
     search = CauseSelection(model, epochs, None, Settings(0.05, 200, 1), given=given)
     return search.run(list(catalogue_of_chains().values()))
@@ -296,7 +296,7 @@ def test_a_period_is_reported_with_the_uncertainty_of_its_wave() -> None:
 
 def test_under_unknown_masses_the_sag_of_a_joint_is_found_with_its_course() -> None:
     soft, rng = Effect(JointCompliance("j2", load=40.0), np.array([8e-6])), np.random.default_rng(5)
-    diagnosis = diagnosed([soft], 5, told=weightless)
+    diagnosis = diagnosed([soft], 5, described=weightless)
     assert names(diagnosis) == [("joint-sag", "joint j2")]
     (found,) = (verdict for verdict in diagnosis.verdicts if verdict.verdict == "found")
     true = soft.values[0] * campaign(rng, 60, 2).machine.torque(1)
@@ -309,12 +309,12 @@ def test_under_unknown_masses_the_sag_of_a_joint_is_found_with_its_course() -> N
 @pytest.mark.slow
 def test_a_compliance_under_weights_of_unknown_centre_is_right_within_its_uncertainty() -> None:
     soft = Effect(JointCompliance("j2", load=40.0), np.array([3e-5]))
-    diagnosis = diagnosed([soft], 5, told=without_centres)
+    diagnosis = diagnosed([soft], 5, described=without_centres)
     assert names(diagnosis) == [("joint-compliance", "joint j2")]
     own = next(v for v in diagnosis.verdicts if v.cause.id == "joint-compliance")
     sigma = float(np.sqrt(own.covariance[0, 0]))
     assert abs(own.values[0] - soft.values[0]) < 3.0 * sigma < 1.5 * soft.values[0]
-    assert names(diagnosed([soft], 5, told=assuming_centres)) != names(diagnosis)
+    assert names(diagnosed([soft], 5, described=assuming_centres)) != names(diagnosis)
 
 
 def test_weights_act_off_their_joints_as_far_as_their_centres_are() -> None:

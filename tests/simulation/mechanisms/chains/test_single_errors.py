@@ -18,7 +18,7 @@ from truing.simulation.mechanisms.chains.nonparametric import NonparametricChain
 POSES, NOISE_M, NOISE_RAD = 60, 2e-5, 2e-5
 
 
-def told(seed: int, errors: NDArray, shifts: NDArray | float = 0.0) -> SingleErrors[ChainCause] | None:
+def reported(seed: int, errors: NDArray, shifts: NDArray | float = 0.0) -> SingleErrors[ChainCause] | None:
     """What is said of errors (B, 5) of the joints in sigmas, and shifts (B, 3, 3) of the targets in m."""
     rng = np.random.default_rng(seed)
     model = campaign(rng, POSES, 3)
@@ -41,7 +41,7 @@ def normal(seed: int) -> NDArray:
 def test_a_joint_that_sometimes_stops_far_off_is_named_with_the_number_of_its_errors(joint: int) -> None:
     errors = normal(joint)
     errors[[7, 23, 31, 50], joint] = [25.0, -40.0, 18.0, -22.0]
-    found = told(joint, errors)
+    found = reported(joint, errors)
     assert found is not None
     assert found.candidate.cause.subject == f"joint j{joint + 1}"
     assert 3 <= found.count <= 4
@@ -49,11 +49,11 @@ def test_a_joint_that_sometimes_stops_far_off_is_named_with_the_number_of_its_er
 
 
 def test_normal_errors_and_scatter_of_one_joint_are_no_single_errors() -> None:
-    assert told(3, normal(3)) is None
-    assert told(4, normal(4) * np.array([1.0, 6.0, 1.0, 1.0, 1.0])) is None
+    assert reported(3, normal(3)) is None
+    assert reported(4, normal(4) * np.array([1.0, 6.0, 1.0, 1.0, 1.0])) is None
 
 
 def test_a_target_that_is_sometimes_far_off_is_no_error_of_a_joint() -> None:
     shifts = np.zeros((POSES, 3, 3))
     shifts[[7, 23, 31, 50], 1] = np.random.default_rng(5).normal(0.0, 4e-4, (4, 3))
-    assert told(5, normal(5), shifts) is None
+    assert reported(5, normal(5), shifts) is None

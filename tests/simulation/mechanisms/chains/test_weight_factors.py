@@ -78,7 +78,7 @@ def test_a_unit_is_claimed_only_if_the_fitted_factor_is_clear(
 def test_a_payload_in_newtons_is_named_and_not_a_gain_of_the_joint() -> None:
     """The payload is 1.5 kg; 14.7 is declared."""
     true = Effect(JointCompliance("j2", load=20.0), np.array([6e-5]))
-    found = diagnosed([true], 4, told=lambda model: with_payload(model, 1.0 / NEWTON))
+    found = diagnosed([true], 4, described=lambda model: with_payload(model, 1.0 / NEWTON))
     (verdict,) = (v for v in found.verdicts if v.verdict == "found")
     assert isinstance(verdict.cause, WeightFactor)
     assert (verdict.cause.joint, verdict.cause.part) == ("j2", PAYLOAD)
@@ -137,7 +137,7 @@ def test_masses_in_pounds_are_named_after_a_plain_compliance_was_accepted(
     monkeypatch.setattr(forward_search, "choose", first_plain)
     monkeypatch.setattr(CauseForms, "is_contested", lambda *_: False)
     true = Effect(JointCompliance("j2", load=20.0), np.array([6e-5]))
-    found = diagnosed([true], seed, told=lambda model: with_masses(model, 1.0 / MASS_UNITS["lb"]))
+    found = diagnosed([true], seed, described=lambda model: with_masses(model, 1.0 / MASS_UNITS["lb"]))
     verdicts = [v for v in found.verdicts if v.verdict in ("found", "suspected")]
     assert [(type(v.cause), v.cause.subject) for v in verdicts] == [(WeightFactor, "joint j2")]
     assert verdicts[0].cause.reported(verdicts[0].values, verdicts[0].covariance, 0)[-1].value == "lb"

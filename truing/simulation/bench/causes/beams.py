@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import skew
 from truing.simulation.bench.causes.channels import ChannelCause, linear_or_all
 from truing.simulation.bench.causes.reading_causes import (
-    FEWEST,
+    FEWEST_READINGS,
     MM,
     BenchScene,
     read_channels,
@@ -126,7 +126,7 @@ class CosineError(ChannelCause):
         """True if motion across a channel is observable in it, and next to motion along the channel."""
         steps, index = scene.steps, CHANNELS.index(channel)
         is_observed = scene.recorded[:, index]
-        if is_observed.sum() < FEWEST:
+        if is_observed.sum() < FEWEST_READINGS:
             return False, False
         along, across = steps.motion[is_observed, index], steps.motion[is_observed][:, _other_channels(index)]
         beside = across - np.outer(along, along @ across) / max(float(along @ along), _TINY)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.reading_causes import (
-    FEWEST,
+    FEWEST_READINGS,
     HOUR,
     MM,
     BenchScene,
@@ -149,7 +149,7 @@ class ZeroDrift(RunChannelCause):
             within = dict(zip(steps.channels, is_observed[steps.code == code].sum(0).tolist(), strict=True))
             read = [channel for channel, count in within.items() if count and not is_signal(channel)]
             label = steps.run[first].item()
-            known = [channel for channel, count in within.items() if count > FEWEST and not is_signal(channel)]
+            known = [channel for channel, count in within.items() if count > FEWEST_READINGS and not is_signal(channel)]
             zero_drifts += [ZeroDrift(c, label, True, read == [c], _rate(c, steps)) for c in known]
         return zero_drifts
 

@@ -12,7 +12,7 @@ from truing.arrays import Index
 from truing.inference.model import Onsets
 from truing.simulation.bench.causes.channels import RunChannelCause
 from truing.simulation.bench.causes.reading_causes import (
-    FEWEST,
+    FEWEST_READINGS,
     UM,
     BenchScene,
     ReadingCause,
@@ -113,7 +113,7 @@ def _onset_rows(scene: BenchScene) -> tuple[dict[tuple[int | str, str], Index], 
         for index, channel in enumerate(steps.channels):
             rows = of_run[scene.recorded[of_run, index]]
             if is_linear(channel):
-                rows_of[steps.run[first].item(), channel] = rows[FEWEST : len(rows) - FEWEST + 1]
+                rows_of[steps.run[first].item(), channel] = rows[FEWEST_READINGS : len(rows) - FEWEST_READINGS + 1]
     return rows_of, 1 + sum(map(len, rows_of.values())) // _MOST_ONSETS
 
 

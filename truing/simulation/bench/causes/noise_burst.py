@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.model import ScatterCandidate
-from truing.simulation.bench.causes.reading_causes import FEWEST, BenchScene, ReadingCause, channel_subject, is_signal
+from truing.simulation.bench.causes.reading_causes import (
+    FEWEST_READINGS,
+    BenchScene,
+    ReadingCause,
+    channel_subject,
+    is_signal,
+)
 from truing.simulation.bench.causes.zero_step import DISPLACEMENTS, SIGNALS
 from truing.simulation.bench.load_steps import ReadingState
 from truing.simulation.cause import Parameter, Step
@@ -44,7 +50,7 @@ class NoisyRun(ReadingCause):
         candidates_of_runs: list[ScatterCandidate[NoisyRun]] = []
         for code in np.unique(steps.code) if np.ptp(steps.code) > 0 else ():
             within = steps.code == code
-            read = scene.recorded[within].sum(0) >= FEWEST
+            read = scene.recorded[within].sum(0) >= FEWEST_READINGS
             parts = {str(name): names == name for name in names[read]}
             kinds = {DISPLACEMENTS: read & ~signals, SIGNALS: read & signals}
             parts |= {kind: is_in_part for kind, is_in_part in kinds.items() if is_in_part.sum() > 1}

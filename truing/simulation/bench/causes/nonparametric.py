@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from truing.inference.model import ChannelCandidates
 from truing.simulation.bench.causes.reading_causes import (
-    FEWEST,
+    FEWEST_READINGS,
     BenchScene,
     ReadingCause,
     channel_subject,
@@ -285,7 +285,7 @@ def fading_times(steps: LoadSteps, is_observed: NDArray) -> NDArray:
     They range from a usual pause to the longest run.
     """
     hold_times = steps.held_s[steps.held_s > 0.0]
-    if not steps.is_timed or np.isfinite(steps.since_break_s[is_observed]).sum() < FEWEST:
+    if not steps.is_timed or np.isfinite(steps.since_break_s[is_observed]).sum() < FEWEST_READINGS:
         return np.zeros(0)
     shortest, longest = float(np.median(hold_times)), steps.longest_s
     count = min(_MOST_FADES, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_FADES))))

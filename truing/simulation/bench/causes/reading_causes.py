@@ -16,7 +16,7 @@ FIELDS = {Step.DRIVE: "wrench", Step.STRUCTURE: "deflection", Step.INSTRUMENT: "
 ARCSEC = np.pi / 180.0 / 3600.0
 UM, MV, MM, HOUR = 1e-6, 1e-3, 1e-3, 3600.0
 # Least number of steps on either side of an onset, for a cause on a single channel.
-FEWEST = 3
+FEWEST_READINGS = 3
 
 
 @dataclass(frozen=True)

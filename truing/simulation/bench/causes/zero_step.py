@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.arrays import Index
 from truing.inference.model import ChannelCandidates, Onsets
 from truing.simulation.bench.causes.reading_causes import (
-    FEWEST,
+    FEWEST_READINGS,
     BenchScene,
     ReadingCause,
     channel_subject,
@@ -88,7 +88,7 @@ class ZeroStep(ReadingCause):
         late = np.stack([(steps.code == steps.code[row]) & (steps.rank >= steps.rank[row]) for row in onsets])
         early = np.stack([(steps.code == steps.code[row]) & (steps.rank < steps.rank[row]) for row in onsets])
         seen = scene.recorded.astype(int)
-        usable = np.minimum(late.astype(int) @ seen, early.astype(int) @ seen) >= FEWEST
+        usable = np.minimum(late.astype(int) @ seen, early.astype(int) @ seen) >= FEWEST_READINGS
         return [_channel_steps(steps, onsets, late, usable, group) for group in _groups(steps)]
 
     def onsets(self, scene: BenchScene) -> Onsets[ZeroStep]:
@@ -99,7 +99,7 @@ class ZeroStep(ReadingCause):
         rows = rows[np.argsort(steps.rank[rows], kind="stable")]
         of_run = steps.run == self.run
         later = np.stack([seen[of_run & (steps.rank >= steps.rank[row])].sum(0) for row in rows])
-        usable = np.minimum(later, seen[of_run].sum(0) - later).min(1) >= FEWEST
+        usable = np.minimum(later, seen[of_run].sum(0) - later).min(1) >= FEWEST_READINGS
         first_row = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
 
         def begun_at(row: int) -> ZeroStep:
@@ -130,7 +130,7 @@ class ZeroStep(ReadingCause):
 
 def _onset_rows(steps: LoadSteps) -> tuple[Index, int]:
     """Return the rows of possible onsets, and the spacing of those that are tried."""
-    rows = np.flatnonzero(steps.rank >= FEWEST)
+    rows = np.flatnonzero(steps.rank >= FEWEST_READINGS)
     return rows, 1 + len(rows) // _MOST_ONSETS
 
 

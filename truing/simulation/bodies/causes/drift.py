@@ -15,7 +15,7 @@ from truing.simulation.bodies.causes.terms import runs_with_time
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.change import Change
 from truing.simulation.inputs import ORDER, TIME
-from truing.simulation.mechanisms.causes.targets import FEWEST
+from truing.simulation.mechanisms.causes.targets import FEWEST_POSES
 from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.settling import settling
@@ -109,7 +109,7 @@ class BodyDrift(BodyCause):
         def begun_at(pose: int) -> BodyDrift:
             return replace(self, from_pose=scene.poses[pose], from_order=float(order[pose]))
 
-        return onsets_in_time(order, FEWEST, spacing, self.from_order, begun_at)
+        return onsets_in_time(order, FEWEST_POSES, spacing, self.from_order, begun_at)
 
     def refined(self) -> Self:
         """Return the form with a fitted time constant."""
@@ -198,7 +198,7 @@ def _forms(body_drift: BodyDrift, scene: PointScene) -> list[BodyDrift]:
 def _onsets(poses: int, whole_campaign: bool) -> range:
     """Return the ranks in time of possible jumps: with three poses on either side."""
     most = _MOST_ONSETS if whole_campaign else _MOST_OF_SHAPE
-    return range(FEWEST, poses - FEWEST + 1, -(-poses // most))
+    return range(FEWEST_POSES, poses - FEWEST_POSES + 1, -(-poses // most))
 
 
 def _time_range(scene: PointScene, column: str) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
 # Least number of poses that show a target before its displacement, and after it.
-FEWEST = 3
+FEWEST_POSES = 3
 # Largest number of onsets: in a long campaign, not every pose is tried.
 _MOST_ONSETS = 200
 _PLAUSIBLE_M = 1e-4
@@ -65,11 +65,11 @@ class TargetMoved(PointCause):
 
         The target must be seen at three poses before and after; a displacement since the survey is possible too.
         """
-        if ORDER not in scene.covariates or not len(scene.shape) or len(scene.poses) < FEWEST:
+        if ORDER not in scene.covariates or not len(scene.shape) or len(scene.poses) < FEWEST_POSES:
             return ()
         order = scene.covariates[ORDER]
         in_time = np.argsort(order, kind="stable")
-        onsets = [0, *range(FEWEST, len(order) - FEWEST + 1, _onset_spacing(scene))]
+        onsets = [0, *range(FEWEST_POSES, len(order) - FEWEST_POSES + 1, _onset_spacing(scene))]
         late = np.stack([order >= order[in_time[onset]] for onset in onsets])[..., None].astype(float)
         usable = _usable(onsets, in_time, scene)
         targets = scene.targets
@@ -105,7 +105,7 @@ class TargetMoved(PointCause):
         def begun_at(pose: int) -> TargetMoved:
             return replace(self, from_pose=scene.poses[pose], from_order=float(order[pose]))
 
-        return onsets_in_time(order, FEWEST, _onset_spacing(scene), self.from_order, begun_at)
+        return onsets_in_time(order, FEWEST_POSES, _onset_spacing(scene), self.from_order, begun_at)
 
     def of_corners(self, corners: Sequence[str], positions: NDArray) -> TargetMoved:
         """Return the cause for the marker with these corners at positions (n, 3) on the body, m."""
@@ -234,8 +234,8 @@ def _usable(onsets: Sequence[int], in_time: NDArray, scene: PointScene) -> NDArr
     is_observed = np.ones((len(in_time), len(scene.shape)), bool) if scene.is_observed is None else scene.is_observed
     until = np.concatenate([np.zeros((1, is_observed.shape[1]), int), np.cumsum(is_observed[in_time], 0)])
     before = until[list(onsets)]
-    enough = (before >= FEWEST) & (until[-1] - before >= FEWEST) & is_observed[in_time[list(onsets)]]
-    enough[0] = until[-1] >= FEWEST
+    enough = (before >= FEWEST_POSES) & (until[-1] - before >= FEWEST_POSES) & is_observed[in_time[list(onsets)]]
+    enough[0] = until[-1] >= FEWEST_POSES
     return enough
 
 

@@ -13,10 +13,10 @@ from truing.arrays import Index
 from truing.inference.model import CauseT, Onsets, ScatterCandidate, onsets_in_time
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import LAST_STEP, PATH, Missing
-from truing.simulation.mechanisms.chains.centres import moments_off_centre, off_centre
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
-from truing.simulation.mechanisms.chains.passing import nodes_moved_alike
+from truing.simulation.mechanisms.chains.mass_centres import moments_off_centre, off_centre
+from truing.simulation.mechanisms.chains.transmitted_motions import nodes_moved_alike
 from truing.simulation.mechanisms.chains.tree import Node, axis_twist
 
 _ANGLE, _LENGTH = 5e-4, 3e-4  # plausible errors of a joint, rad and m
@@ -24,7 +24,6 @@ _GAIN = 5e-4
 # Deflection that a plausible compliance gives under the largest load, rad or m.
 _MM = 1e-3
 # A load that varies by a smaller share of the largest load on the chain is constant, apart from rounding.
-_LEAST_LOAD = 1e-6
 # Parts of a length that are smaller by this factor are rounding of the description.
 ROUNDED = 1e-4
 # Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.

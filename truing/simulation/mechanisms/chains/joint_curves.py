@@ -77,11 +77,11 @@ class JointErrorCurve(ChainCause):
 
     @property
     def concerns_several(self) -> bool:
-        """Whether it holds curves of several joints."""
+        """True if it holds curves of several joints."""
         return len(self.joints) > 1
 
     def excludes(self, other: ChainCause) -> bool:  # type: ignore[override]
-        """Whether the other one is a curve of a joint that has one here, or a nonparametric effect of its own reading:
+        """True if the other one is a curve of a joint that has one here, or a nonparametric effect of its own reading:
         the two would cancel where poses were measured, and differ at other poses."""
         if isinstance(other, NonparametricChainEffect):
             return other.joint in self.joints and other.is_of_own_place

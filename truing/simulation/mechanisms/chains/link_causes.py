@@ -19,8 +19,8 @@ from truing.simulation.mechanisms.chains.causes import (
     ChainScene,
     moved_alike,
 )
-from truing.simulation.mechanisms.chains.centres import carries_off_centre
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.mass_centres import carries_off_centre
 from truing.simulation.mechanisms.chains.tree import JointKind
 
 _GROWTH = 1e-5  # plausible coefficient of growth, 1/K

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.chains.causes import DECLARED_WEIGHTS, AssumedCentres, ChainScene, JointCause
-from truing.simulation.mechanisms.chains.centres import (
+from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
+from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.link_causes import LinkCause
+from truing.simulation.mechanisms.chains.mass_centres import (
     AXES,
     carries_off_centre,
     independent,
     levers,
     weights_off_centre,
 )
-from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
-from truing.simulation.mechanisms.chains.conditions import ChainInputs
-from truing.simulation.mechanisms.chains.link_causes import LinkCause
 from truing.simulation.mechanisms.chains.tree import JointKind
 
 _TILT, _PIVOT_M = 2e-4, 0.5  # plausible tilt under the largest moment, and height above the place that it turns about

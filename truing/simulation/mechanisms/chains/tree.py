@@ -129,6 +129,12 @@ class Tree:
                 result[k] |= result[node.parent]
         return result
 
+    def moving_node(self, node: int) -> int:
+        """Return this node, or the nearest below that moves; 0 for links of the base."""
+        while self.nodes[node].kind is JointKind.FIXED and self.nodes[node].parent >= 0:
+            node = self.nodes[node].parent
+        return node
+
     def moving_parent(self, node: int) -> int:
         """Return the nearest node below that moves; -1 if none does."""
         k = self.nodes[node].parent

@@ -17,8 +17,8 @@ from truing.simulation.mechanisms.chains.causes import (
     JointCause,
     JointCompliance,
 )
-from truing.simulation.mechanisms.chains.centres import carries_off_centre
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.mass_centres import carries_off_centre
 
 PAYLOAD, LINKS = "payload", "links"
 # Numbers in g, lb or N in place of kg, times these, are right.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.inputs import TEMPERATURE, TIME
-from truing.simulation.photographs.causes.ray_causes import FEWEST, RayCause, RayScene, at_numbers
+from truing.simulation.photographs.causes.ray_causes import FEWEST_POSES, RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import CAMERA, RayPoses
 from truing.simulation.settling import reported_time_constant, settling
 
@@ -196,7 +196,7 @@ def _onsets(rays: RayPoses, camera: str) -> list[int]:
     """Return the poses at which a camera may jump: with enough of its poses on either side."""
     indices = np.flatnonzero(rays.poses_of(CAMERA, camera))
     in_time = indices[np.argsort(rays.rank[indices], kind="stable")]
-    return in_time[FEWEST : len(in_time) - FEWEST + 1].tolist() if len(in_time) >= 2 * FEWEST else []
+    return in_time[FEWEST_POSES : len(in_time) - FEWEST_POSES + 1].tolist() if len(in_time) >= 2 * FEWEST_POSES else []
 
 
 def _forms(plain: CameraInstability, rays: RayPoses) -> list[CameraInstability]:
@@ -212,7 +212,7 @@ def _forms(plain: CameraInstability, rays: RayPoses) -> list[CameraInstability]:
     if rays.varies(TEMPERATURE):
         forms.append(replace(plain, form=WARMTH))
     poses_of_camera = rays.poses_of(CAMERA, plain.camera)
-    if 2 * FEWEST <= poses_of_camera.sum() <= _MOST_APART:
+    if 2 * FEWEST_POSES <= poses_of_camera.sum() <= _MOST_APART:
         forms.append(
             replace(plain, form=SCATTER, poses=tuple(rays.poses[row] for row in np.flatnonzero(poses_of_camera)))
         )

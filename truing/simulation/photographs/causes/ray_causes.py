@@ -12,7 +12,7 @@ from truing.simulation.cause import Cause, ChannelScene, Step
 from truing.simulation.photographs.ray_poses import RayPoses
 
 # Least number of poses on either side of an onset.
-FEWEST = 3
+FEWEST_POSES = 3
 
 
 @dataclass(frozen=True)

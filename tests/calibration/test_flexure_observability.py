@@ -11,9 +11,9 @@ from scipy.stats import chi2
 from tests.simulation.mechanisms.flexure_telescope import flexure_telescope
 from tests.simulation.mechanisms.telescope import readings
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance
-from truing.calibration.calibration_question import Case
+from truing.calibration.estimation_problem import Case
 from truing.calibration.fits import maximum_likelihood
-from truing.calibration.flexure_knowledge import DesignParameter, flexure_knowledge
+from truing.calibration.flexure_observability import DesignParameter, flexure_design_parameters
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms.structures.beam_model import BeamModel
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, poses_at
@@ -39,7 +39,7 @@ def _data(machine: Machine, truth: Machine, tolerance: dict[str, float], travel:
 
 
 def _of(data: CalibrationData, model: str, name: str) -> list[DesignParameter]:
-    found = flexure_knowledge(data, data.measured)
+    found = flexure_design_parameters(data, data.measured)
     return [one for one in found if (one.model, one.entry.name) == (model, name)]
 
 

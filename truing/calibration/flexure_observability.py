@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
-from truing.calibration.calibration_question import (
+from truing.calibration.estimation_problem import (
     OF_FLEXURES,
     Case,
     cases,
@@ -49,7 +49,7 @@ class DesignParameter:
         return self.sigma < 1.0
 
 
-def flexure_knowledge(data: CalibrationData, fitted: MeasuredPlatform) -> list[DesignParameter]:
+def flexure_design_parameters(data: CalibrationData, fitted: MeasuredPlatform) -> list[DesignParameter]:
     """Return the design parameters of every model of flexures, each leg's own first; none without such a model."""
     every = list(cases(data, structures(data.machine)))
     parameters = []

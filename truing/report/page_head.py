@@ -5,7 +5,7 @@ from __future__ import annotations
 from truing.belonging.relation import RelationState
 from truing.report.calibration.with_findings import choice_verdicts
 from truing.report.chain_corrections import corrections
-from truing.report.diagnosis.words import diagnosis_details
+from truing.report.diagnosis.verdict_sentences import diagnosis_details
 from truing.report.first_screen import first_screen, gross_errors_of_axis
 from truing.report.numbers import quantity
 from truing.report.page import NO_FACTS, CampaignFacts, PageHead, Verdict

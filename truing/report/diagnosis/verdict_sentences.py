@@ -24,7 +24,7 @@ from truing.report.diagnosis.assessed_causes import (
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.next_steps import next_steps
-from truing.report.numbers import LEAST_P, count_text, printed, rough
+from truing.report.numbers import LEAST_PRINTED_P, capitalised, count_text, printed, rough
 from truing.report.numbers import listed as listed_shortly
 from truing.report.page import Verdict
 from truing.report.parameter_names import UNBROKEN
@@ -71,11 +71,11 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
         code = ReasonCode.NOTHING_FOUND if accepted[0].is_remainder else ReasonCode.NOISE
         return _diagnosed(RelationState.ATTENTION, code, text)
     if not testable_of(rows):
-        text = f"{_upper(tested_words(rows))}: not tested, because {_nothing_found(rows, tables)}."
+        text = f"{capitalised(tested_words(rows))}: not tested, because {_nothing_found(rows, tables)}."
         return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, text)
     adequacy = before.get("adequacy")
     if adequacy is not None and adequacy.state in (RelationState.ATTENTION, RelationState.FAILS):
-        text = f"{_upper(_nothing_found(rows, tables))}, but the residuals are not {noise_compared(tables)}."
+        text = f"{capitalised(_nothing_found(rows, tables))}, but the residuals are not {noise_compared(tables)}."
         return _diagnosed(RelationState.ATTENTION, ReasonCode.NOTHING_FOUND, text)
     return _diagnosed(RelationState.OK, ReasonCode.AGREES, _agreement(rows, tables))
 
@@ -201,10 +201,6 @@ def tested_words(rows: list[AssessedCause]) -> str:
     return "; ".join(_RELATED[Relation(name)] for name in dict.fromkeys(row.relation for row in rows) if name)
 
 
-def _upper(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
-
-
 def _listed(clauses: list[str], several: int) -> str:
     """Return one clause as it is, several numbered."""
     if len(clauses) == 1:
@@ -217,7 +213,11 @@ def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     tested_text = tested_words(rows)
     text = f"{tested_text} agree to within the noise" if tested_text else "the residuals are noise"
     corrected = len(clear_numbers(tables))
-    text = f"With {count_text(corrected, 'correction')} to the nominal geometry, {text}" if corrected else _upper(text)
+    text = (
+        f"With {count_text(corrected, 'correction')} to the nominal geometry, {text}"
+        if corrected
+        else capitalised(text)
+    )
     text = f"{text}: {_nothing_found(rows, tables)}."
     sizes = _hidden_sizes(table_or_none(tables, "detectable"))
     if not sizes:
@@ -266,7 +266,7 @@ def _most_urgent_step(rows: list[AssessedCause], tables: Tables) -> list[Verdict
         return []
     # A known size is no open question: a reader is not sent to the bench for another digit of it.
     aim_text = steps[0].aim_text
-    return [("next", f"Optional: {lower(aim_text)}" if steps[0].need == Need.PRECISION else _upper(aim_text))]
+    return [("next", f"Optional: {lower(aim_text)}" if steps[0].need == Need.PRECISION else capitalised(aim_text))]
 
 
 def certainty(row: AssessedCause) -> str:
@@ -281,11 +281,15 @@ def certainty(row: AssessedCause) -> str:
         reported.append(f"probability among the candidates {_probability(row.probability)}")
     ranking = {HOLDS: "is unchanged", CHANGES: "changes"}.get(row.holds)
     unsure = [f"The ranking {ranking} if assumed effect sizes are tripled"] if ranking else []
-    return ". ".join([_upper("; ".join(reported)), *unsure] if reported else unsure)
+    return ". ".join([capitalised("; ".join(reported)), *unsure] if reported else unsure)
 
 
 def _share(p: float) -> str:
-    return f"at most {100.0 * p:.2g}{UNBROKEN}% of" if p >= LEAST_P else f"fewer than 1 of {1.0 / LEAST_P:,.0f}"
+    return (
+        f"at most {100.0 * p:.2g}{UNBROKEN}% of"
+        if p >= LEAST_PRINTED_P
+        else f"fewer than 1 of {1.0 / LEAST_PRINTED_P:,.0f}"
+    )
 
 
 def _probability(p: float) -> str:

@@ -198,7 +198,7 @@ def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformati
 
 
 @dataclass(frozen=True)
-class CalibrationQuestion:
+class EstimationProblem:
     """A problem over measured poses, the noise (B, N, N) of all measurements, and the prior.
 
     tolerance (P,): one sigma of each parameter of the machine, NaN where campaign.toml gives none.
@@ -220,13 +220,13 @@ class CalibrationQuestion:
         return len(self.problem.common.entries) if self.problem.common else 0
 
 
-def question(data: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
+def problem_with_all_parameters(data: CalibrationData, measured: MeasuredPlatform, case: Case) -> EstimationProblem:
     """Return the errors-in-variables problem of platform and readings, with all parameters of the machine free."""
     parameters = free(_every(data, case), data)
     problem, tolerance = problem_of(case, parameters, measured), tolerances(data, case, parameters)
     prior = _prior(data.surveyed, parameters, problem.start, tolerance)
     problem = with_common(problem, measured)
-    return CalibrationQuestion(
+    return EstimationProblem(
         problem, independent_covariance(measured, data.reading_sigma), tolerance, prior_of_all(problem, prior)
     )
 
@@ -250,32 +250,32 @@ def nothing_open(data: CalibrationData, case: Case) -> bool:
 
 
 def with_targets(
-    calibration_question: CalibrationQuestion, data: CalibrationData, measured: MeasuredPlatform, case: Case
-) -> CalibrationQuestion | None:
-    """Return the question with measurements of targets on legs and, for a deforming platform, on attachments; None
+    estimation: EstimationProblem, data: CalibrationData, measured: MeasuredPlatform, case: Case
+) -> EstimationProblem | None:
+    """Return the problem with measurements of targets on legs and, for a deforming platform, on attachments; None
     without.
 
     Deformation coefficients then follow from the measured shifts, and have no prior.
     """
-    problem = with_bodies(calibration_question.problem, measured)
+    problem = with_bodies(estimation.problem, measured)
     problem = with_shifts(problem, data, measured) if case.deformation != "none" else problem
-    if problem is calibration_question.problem:
+    if problem is estimation.problem:
         return None
     problem = with_common(problem, measured)
-    tolerance, prior = calibration_question.tolerance, _prior_of_machine(calibration_question)
+    tolerance, prior = estimation.tolerance, _prior_of_machine(estimation)
     if problem.shifts is not None:
-        entries = calibration_question.problem.parameters.entries  # shifts are measured along z alone
+        entries = estimation.problem.parameters.entries  # shifts are measured along z alone
         bent = np.array([is_deformation(entry) and not is_in_plane(entry) for entry in entries])
         tolerance, prior = np.where(bent, np.nan, tolerance), _opened(prior, bent)
-    noise = noise_of_all(problem, measured, calibration_question.noise)
-    return CalibrationQuestion(problem, noise, tolerance, prior_of_all(problem, prior))
+    noise = noise_of_all(problem, measured, estimation.noise)
+    return EstimationProblem(problem, noise, tolerance, prior_of_all(problem, prior))
 
 
-def _prior_of_machine(calibration_question: CalibrationQuestion) -> Prior:
+def _prior_of_machine(estimation: EstimationProblem) -> Prior:
     """Return the prior of the machine's parameters alone; they are uncorrelated with the rest."""
     return Prior(
-        calibration_question.prior.mean[: calibration_question.count],
-        calibration_question.prior.information[: calibration_question.count, : calibration_question.count],
+        estimation.prior.mean[: estimation.count],
+        estimation.prior.information[: estimation.count, : estimation.count],
     )
 
 

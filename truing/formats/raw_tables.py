@@ -86,7 +86,7 @@ _CARRIED_UNITS = (
 
 
 @dataclass(frozen=True)
-class TableShape:
+class RawTable:
     """A raw table: required and optional columns, a numbered family, and whether other numbers are included.
 
     ``partial``: only some columns of a table are read, and its mapping may name more; ``may_be_empty``: columns that
@@ -144,18 +144,18 @@ def _carried_unit(name: str) -> str:
     return next((unit for ending, unit in _CARRIED_UNITS if name.endswith(ending)), "")
 
 
-POINTS = TableShape("points", ("pose", *_POINT), ("body", "target", *_SPREAD))
-TARGETS = TableShape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
-RESURVEYS = TableShape("resurveys", ("survey", "body", "target", *_POINT), (*_SPREAD, "leg"))
-POSES = TableShape(
+POINTS = RawTable("points", ("pose", *_POINT), ("body", "target", *_SPREAD))
+TARGETS = RawTable("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
+RESURVEYS = RawTable("resurveys", ("survey", "body", "target", *_POINT), (*_SPREAD, "leg"))
+POSES = RawTable(
     "poses",
     ("pose", "body"),
     (*_POINT, *_QUATERNION, *_VECTOR, *_EULER, *_MATRIX, *_POSE_SIGMAS, *_POSE_COVARIANCE),
 )
-DISTANCES = TableShape("distances", ("pose", "from", "to", "distance_mm"), ("sigma_mm",), may_be_empty=("sigma_mm",))
-SCANS = TableShape("scans", ("pose", "body", *_POINT))
-SURFACES = TableShape("surfaces", ("body", *_POINT))
-CONFIGURATIONS = TableShape(
+DISTANCES = RawTable("distances", ("pose", "from", "to", "distance_mm"), ("sigma_mm",), may_be_empty=("sigma_mm",))
+SCANS = RawTable("scans", ("pose", "body", *_POINT))
+SURFACES = RawTable("surfaces", ("body", *_POINT))
+CONFIGURATIONS = RawTable(
     "configurations",
     ("pose",),
     ("role", "time_s", "temperature_c", "repeat_of", "series"),
@@ -163,43 +163,43 @@ CONFIGURATIONS = TableShape(
     covariates=True,
 )
 _LOADED = (*_WRENCH, "load_axis", "load", "role", TRANSIT)
-DISPLACEMENT = TableShape(
+DISPLACEMENT = RawTable(
     "displacement", ("run", "step", "time_s"), (*_MOTION, *_LOADED, *_SURROUNDINGS), covariates=True
 )
-INTERFEROMETER = TableShape(
+INTERFEROMETER = RawTable(
     "interferometer",
     ("run", "step", "time_s", "channel", "reading"),
     ("sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
 # Planned steps have no readings yet; without a channel, all channels will be read.
-PLANNED = TableShape(
+PLANNED = RawTable(
     "interferometer", ("run", "step", "time_s"), ("channel", "reading", *INTERFEROMETER.optional), covariates=True
 )
-SIGNALS = TableShape(
+SIGNALS = RawTable(
     "signals", ("run", "step"), ("time_s", *_SHOWN, *_LOADED, *_SURROUNDINGS), family="signal", covariates=True
 )
 # Loads that another instrument recorded than the signals; [files.loads] says how its rows belong to those of signals.
-LOADS_APART = TableShape("loads", (), ("run", "step", "time_s", *_LOADED))
+LOADS_APART = RawTable("loads", (), ("run", "step", "time_s", *_LOADED))
 # What recorded an axis in another file than its commands; [files.measured] says how its rows belong to these.
-MEASURED_APART = TableShape("measured", (), ("pose", "time_s"), covariates=True)
+MEASURED_APART = RawTable("measured", (), ("pose", "time_s"), covariates=True)
 
-QUADRATURE = TableShape(
+QUADRATURE = RawTable(
     "quadrature",
     ("run", "step", "channel"),
     ("time_s", "signal_x", "signal_y", "phase_deg", "radius", "sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
-POSITIONING = TableShape(
+POSITIONING = RawTable(
     "positioning", ("run", "target_mm", "direction", "cycle"), ("position_mm", "deviation_um", *_SURROUNDINGS)
 )
-PUBLISHED = TableShape(
+PUBLISHED = RawTable(
     "published",
     ("load_axis", "load", "channel"),
     ("theoretical_maximum", "measured_positive", "measured_negative", "unit", "figure"),
 )
 
-IMAGE_POINTS = TableShape(
+IMAGE_POINTS = RawTable(
     "image_points",
     ("pose", "image", "x_px", "y_px"),
     (
@@ -208,17 +208,17 @@ IMAGE_POINTS = TableShape(
     ),
     may_be_empty=("point", "body", "target", "kind", "sigma_x_px", "sigma_y_px"),
 )
-IMAGE_TARGETS = TableShape("image_targets", ("family", "code", "body", "target"), ("diameter_mm", "size_mm"))
-SCALE_BARS = TableShape(
+IMAGE_TARGETS = RawTable("image_targets", ("family", "code", "body", "target"), ("diameter_mm", "size_mm"))
+SCALE_BARS = RawTable(
     "scale_bars",
     ("bar", "first", "second", "length_mm", "sigma_mm"),
     ("repeat_sigma_mm", "serves", "expansion_per_k", "reference_temperature_c", "pose"),
     may_be_empty=("repeat_sigma_mm", "serves"),
 )
-KNOWN_POINTS = TableShape(
+KNOWN_POINTS = RawTable(
     "known_points", _POINT, ("pose", "point", "body", "target", *_SPREAD), may_be_empty=("point", "body", "target")
 )
-CAMERAS = TableShape(
+CAMERAS = RawTable(
     "cameras",
     ("camera",),
     (
@@ -236,4 +236,4 @@ ROTATION_VECTOR = _VECTOR
 EULER = _EULER
 POSE_COVARIANCE = _POSE_COVARIANCE
 MOTION = _MOTION
-SHOWN = _SHOWN
+SHOWN_WRENCH = _SHOWN

@@ -1,5 +1,4 @@
-"""Loads in one file and signals in another, for `truing init`: two tables of one bench, and how their rows belong
-together."""
+"""Loads in one file and signals in another, for `truing init`: two tables of one bench, joined row by row."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ import numpy as np
 from truing.arrays import Array
 from truing.formats.guess import MappingKeys, OtherWay
 from truing.formats.named_loads import channel_mapping, channels_without_loads
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 from truing.formats.units import bare_and_unit
 from truing.pipeline.init_preview import batches
 from truing.schemas.faults import CampaignFaults

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _UNTARGETED = {"measured_poses": "measured poses", "scans": "dense scans"}
 _ADJUSTED = "the photographs tell, once they are adjusted"
 # What tells the prospects of a mechanism that is neither of legs nor a sensor on its bench, by its type.
-_OF_TYPES = {"axis": "truing.stages.common.axis_prospects"}
+_OF_TYPES = {"axis": "truing.stages.common.evaluable_axis_stages"}
 _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 
 

@@ -7,13 +7,13 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from truing.formats.grad_units import is_grad
-from truing.formats.shapes import CONFIGURATIONS
+from truing.formats.raw_tables import CONFIGURATIONS
 from truing.report.numbers import listed
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import RawValue
 from truing.schemas.near_names import did_you_mean, is_one_slip_apart, mistyped_name, similar_names
+from truing.stages.evaluable_stages import CampaignContents
 from truing.stages.ingestion.tables import FITTED
-from truing.stages.prospects import CampaignContents
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Decided:
+class ManualDecisions:
     """Masks and reasons (B, 6 + S) of the readings and signals that a person decided on."""
 
     chosen: Mask
@@ -67,10 +67,10 @@ def exclusion_row(number: int, rule: Overrule, subject: str, change: Array, over
     }
 
 
-def decided(steps: RecordedSteps, rules: Sequence[Overrule], verb: str) -> Decided:
+def manual_decisions(steps: RecordedSteps, rules: Sequence[Overrule], verb: str) -> ManualDecisions:
     """Readings and signals that rules match; verb: excluded, or kept."""
     is_recorded = np.isfinite(np.concatenate([steps.reading, steps.signal], 1))
-    return Decided(*chosen_by(is_recorded.shape, rules, verb, lambda rule: matched(steps, rule) & is_recorded))
+    return ManualDecisions(*chosen_by(is_recorded.shape, rules, verb, lambda rule: matched(steps, rule) & is_recorded))
 
 
 def matched(steps: RecordedSteps, rule: Overrule) -> Mask:
@@ -84,14 +84,14 @@ def matched(steps: RecordedSteps, rule: Overrule) -> Mask:
     return np.asarray((runs[steps.run] & of_step)[:, None] & of_channel)
 
 
-def without_excluded(steps: RecordedSteps, settings: Campaign) -> tuple[RecordedSteps, Decided]:
+def without_excluded(steps: RecordedSteps, settings: Campaign) -> tuple[RecordedSteps, ManualDecisions]:
     """Steps without excluded readings, and the exclusions; the loads of these steps still count."""
-    out = decided(steps, settings.exclude, "excluded")
+    out = manual_decisions(steps, settings.exclude, "excluded")
     reading = np.where(out.readings, np.nan, steps.reading)
     return replace(steps, reading=reading, signal=np.where(out.signals, np.nan, steps.signal)), out
 
 
-def excluded_words(out: Decided) -> str:
+def excluded_words(out: ManualDecisions) -> str:
     """Number of excluded readings and signals in words; empty for none."""
     counts = {"reading": int(out.readings.sum()), "signal": int(out.signals.sum())}
     text = " and ".join(f"{n} {noun}{'s' * (n > 1)}" for noun, n in counts.items() if n)

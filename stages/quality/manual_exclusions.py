@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from truing.quality.loading import LoadingView
 from truing.report.numbers import listed
 from truing.schemas.artifact import StoredTable, table_batches
-from truing.stages.common.overruled import decided
+from truing.stages.common.manual_decisions import manual_decisions
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, reported_check
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _KEYS = ("run", "step", "channel", *_NAMES)
 def decision_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
     """Yield one row per [[exclude]] and [[keep]]; an entry that matches no reading warns."""
     for table, number, rule in _rules(settings):
-        count = int(decided(view.steps, [rule], _VERBS[table]).chosen.sum())
+        count = int(manual_decisions(view.steps, [rule], _VERBS[table]).chosen.sum())
         yield _check(table, number, rule, count, "reading")
 
 

@@ -299,7 +299,7 @@ def _of_constants(constants: Mapping[str, object]) -> Iterator[str]:
 
 
 def _of_units(mapping: MappingKeys, guess: Guess) -> Iterator[str]:
-    from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
+    from truing.formats.raw_tables import COORDINATE_SIGMAS, COORDINATES
 
     by_unit: dict[str, list[str]] = {}
     unread = unread_units(mapping)

@@ -1,4 +1,4 @@
-"""Coded targets in rendered and real photographs: their numbers, and centres against the light of the ring."""
+"""Ring-coded targets in rendered and real photographs: decoded numbers, and accuracy of the centres."""
 
 from __future__ import annotations
 

@@ -11,13 +11,13 @@ from truing.report.numbers import count_text, percent
 from truing.simulation.mechanisms.parameters import LegParameter
 from truing.stages.configurations.chosen import Design, LoadPlan
 from truing.stages.configurations.order_sentences import order_sentences, percent_of
-from truing.stages.configurations.tables import RUN
+from truing.stages.configurations.tables import STEPS_PER_RUN
 
 _UNITS = {"mm": " mm", "1": ""}
 _WITHIN = {"workspace": "within the limits of pose and readings in [workspace]", "actuators": "within rho_mm alone"}
 
 
-def words_of(design: Design) -> list[str]:
+def design_lines(design: Design) -> list[str]:
     """Return the output lines of a design."""
     return [
         *_parameters_chosen(design),
@@ -127,15 +127,15 @@ def _existing(design: Design) -> list[str]:
     return [line, f"one chosen pose is worth {ratio:.2f} of the campaign's own poses"]
 
 
-def words_of_loads(plan: LoadPlan) -> list[str]:
+def load_lines(plan: LoadPlan) -> list[str]:
     """Output lines of a plan of loads."""
     options = plan.options
     held_out_words = f" and {options.verification} for verification" if options.verification else ""
     at_once = "all components at once" if options.may_all_act else f"at most {options.at_once} at once"
     spread = [100.0 * sigma for sigma in plan.sigma]
     lines = [
-        f"{count_text(options.poses, 'load')}{held_out_words} within [loading], {at_once}, in runs of {RUN} that begin "
-        "and end without load",
+        f"{count_text(options.poses, 'load')}{held_out_words} within [loading], {at_once}, in runs of {STEPS_PER_RUN} "
+        "that begin and end without load",
         f"log det of the information about a channel's six sensitivities and its zero: {plan.chosen.log_det:.3f}",
         f"D-efficiency {100.0 * plan.chosen.efficiency:.2f} % of the best possible (equivalence theorem over "
         f"{count_text(plan.candidates, 'load')})",

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
-from truing.calibration.calibration_question import (
-    CalibrationQuestion,
+from truing.calibration.estimation_problem import (
     Case,
+    EstimationProblem,
     cases,
     is_deformation,
     kind,
     observation_covariance,
     problem_of,
-    question,
+    problem_with_all_parameters,
     survey_rows,
     widest,
     with_targets,
 )
-from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration, fit_question
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration, fit_problem
 from truing.calibration.model_cases import screened_poses
 from truing.estimation.design.absorption import Absorption, absorb
 from truing.estimation.design.observability import Observability, observe
@@ -59,7 +59,7 @@ _TOLERANCES = {
 
 
 @dataclass(frozen=True)
-class LinearKnowledge:
+class LinearisedMeasurements:
     """Derivatives (N, Q) of all measurements, in standard deviations, by the unknowns and by the entries of K."""
 
     jacobian: NDArray
@@ -67,61 +67,61 @@ class LinearKnowledge:
 
 
 def linear(
-    dataset: CalibrationData, calibration_question: CalibrationQuestion, values: NDArray, measured: MeasuredPlatform
-) -> LinearKnowledge:
-    """Return the derivatives of all measurements by a question's unknowns at given values, and by the entries of K (L
-    L).
+    dataset: CalibrationData, estimation: EstimationProblem, values: NDArray, measured: MeasuredPlatform
+) -> LinearisedMeasurements:
+    """Return the derivatives of all measurements by the unknowns of a problem at given values, and by the entries of K
+    (L L).
 
     The rows of the closures come first, then those of the survey of the attachments.
     """
-    problem = calibration_question.problem
+    problem = estimation.problem
     size = len(problem.parameters)
     entries = deformation_set(problem.nominal, "matrix")
     bent = replace(problem, parameters=entries, nominal=problem.machine(values))
     still = np.zeros((len(measured.rho), problem.deviations))
     at = problem.constrain(values, still)
     by_K = bent.constrain(np.concatenate([bent.start[: len(entries)], values[size:]]), still).by_values
-    factor = np.linalg.cholesky(at.by_deviation @ calibration_question.noise @ np.swapaxes(at.by_deviation, -1, -2))
+    factor = np.linalg.cholesky(at.by_deviation @ estimation.noise @ np.swapaxes(at.by_deviation, -1, -2))
     rows = np.linalg.solve(factor, np.concatenate([at.by_values, by_K[..., : len(entries)]], -1))
     rows = rows.reshape(-1, rows.shape[-1])
     if dataset.surveyed is not None:
         known = survey_rows(dataset.surveyed, problem.parameters)
         known = np.linalg.solve(np.linalg.cholesky(dataset.surveyed.covariance), known)
         rows = np.concatenate([rows, np.pad(known, ((0, 0), (0, rows.shape[1] - size)))])
-    return LinearKnowledge(rows[:, : -len(entries)], rows[:, -len(entries) :])
+    return LinearisedMeasurements(rows[:, : -len(entries)], rows[:, -len(entries) :])
 
 
 def observe_model(dataset: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Observability:
     """Return the observability of the chosen model's parameters by all measurements, targets on legs and attachments
     included."""
-    calibration_question = _full_question(dataset, fitted, chosen.case)
-    values = np.concatenate([chosen.values, calibration_question.problem.start[calibration_question.count :]])
-    seen = linear(dataset, calibration_question, values, fitted).jacobian
+    estimation = _full_problem(dataset, fitted, chosen.case)
+    values = np.concatenate([chosen.values, estimation.problem.start[estimation.count :]])
+    seen = linear(dataset, estimation, values, fitted).jacobian
     bent = np.array([is_deformation(entry) for entry in chosen.parameters.entries])
     scales, units = _scales(dataset.tolerance, chosen.parameters), chosen.parameters.units
-    seen = _with_shifts_known(_with_common_known(seen, calibration_question), calibration_question)
-    jacobian = _orthogonal_to_others(seen, calibration_question.count) * units
+    seen = _with_shifts_known(_with_common_known(seen, estimation), estimation)
+    jacobian = _orthogonal_to_others(seen, estimation.count) * units
     return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
 
 
-def _full_question(dataset: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
-    calibration_question = question(dataset, measured, case)
-    return with_targets(calibration_question, dataset, measured, case) or calibration_question
+def _full_problem(dataset: CalibrationData, measured: MeasuredPlatform, case: Case) -> EstimationProblem:
+    estimation = problem_with_all_parameters(dataset, measured, case)
+    return with_targets(estimation, dataset, measured, case) or estimation
 
 
-def _with_common_known(jacobian: NDArray, calibration_question: CalibrationQuestion) -> NDArray:
+def _with_common_known(jacobian: NDArray, estimation: EstimationProblem) -> NDArray:
     """Return the derivatives with additional prior rows of errors common to all poses."""
-    known = np.zeros((calibration_question.common, jacobian.shape[1]))
-    known[:, jacobian.shape[1] - calibration_question.common :] = np.eye(calibration_question.common)
+    known = np.zeros((estimation.common, jacobian.shape[1]))
+    known[:, jacobian.shape[1] - estimation.common :] = np.eye(estimation.common)
     return np.concatenate([jacobian, known])
 
 
-def _with_shifts_known(jacobian: NDArray, calibration_question: CalibrationQuestion) -> NDArray:
+def _with_shifts_known(jacobian: NDArray, estimation: EstimationProblem) -> NDArray:
     """Return the derivatives with a row for each coefficient that shifts in the platform's plane determined before."""
-    entries = calibration_question.problem.parameters.entries
+    entries = estimation.problem.parameters.entries
     indices = [i for i, entry in enumerate(entries) if is_in_plane(entry)]
     known = np.zeros((len(indices), jacobian.shape[1]))
-    known[np.arange(len(indices)), indices] = 1.0 / calibration_question.tolerance[indices]
+    known[np.arange(len(indices)), indices] = 1.0 / estimation.tolerance[indices]
     return np.concatenate([jacobian, known])
 
 
@@ -173,13 +173,11 @@ def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration:
         both = [one.constrain(one.start, still).by_values for one in (problem, bent)]
         rows = [by_values.reshape(-1, by_values.shape[-1]) for by_values in both]
         return absorb(rows[0], -rows[1], calibration.parameters.labels)
-    calibration_question = _full_question(dataset, fitted, calibration.case)
-    scales = np.where(
-        np.isfinite(calibration_question.tolerance), calibration_question.tolerance, widest(calibration.parameters)
-    )
-    seats = np.diag(calibration_question.prior.information)[calibration_question.count :] ** -0.5
-    seen = linear(dataset, calibration_question, calibration_question.problem.start, fitted)
-    labels = [entry.label for entry in calibration_question.problem.entries]
+    estimation = _full_problem(dataset, fitted, calibration.case)
+    scales = np.where(np.isfinite(estimation.tolerance), estimation.tolerance, widest(calibration.parameters))
+    seats = np.diag(estimation.prior.information)[estimation.count :] ** -0.5
+    seen = linear(dataset, estimation, estimation.problem.start, fitted)
+    labels = [entry.label for entry in estimation.problem.entries]
     return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
 
 
@@ -240,7 +238,7 @@ class RefittedCalibration:
     """The chosen calibration, refitted from its result."""
 
     data: CalibrationData
-    question: CalibrationQuestion
+    estimation: EstimationProblem
     fit: ErrorsInVariablesFit
 
 
@@ -249,35 +247,36 @@ def refitted_calibration(
 ) -> RefittedCalibration | None:
     """Return the maximum-likelihood calibration of a model (structure, deformation), refitted from its result.
 
-    stood: values by parameter and leg, in the units of the tables. None where there is no such model, or no minimum.
+    start_values: values by parameter and leg, in the units of the tables. None where there is no such model, or no
+    minimum.
     """
     every = list(cases(dataset, structures(dataset.machine)))
     case = next((case for case in every if case.key == key), None)
     if case is None:
         return None
     clean = screened_poses(dataset, dataset.measured.roles != "verification", every)
-    calibration_question = _full_question(dataset, clean.measured.subset(clean.kept), case)
-    parameters = calibration_question.problem.parameters
+    estimation = _full_problem(dataset, clean.measured.subset(clean.kept), case)
+    parameters = estimation.problem.parameters
     start = (
         np.array([start_values[entry.name, entry.leg_number] for entry in parameters.entries], float) * parameters.units
     )
-    fit = fit_question(calibration_question, start, robust=False)
-    return RefittedCalibration(dataset, calibration_question, fit) if fit.ok else None
+    fit = fit_problem(estimation, start, robust=False)
+    return RefittedCalibration(dataset, estimation, fit) if fit.ok else None
 
 
-def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
+def parameter_budget(refitted: RefittedCalibration) -> dict[Source, Array]:
     """Return the covariance (P, P), SI, of all fitted values by source.
 
     If more noise was found than declared, the noise of poses, readings and survey is enlarged accordingly.
     """
-    calibration_question, fit = answered.question, answered.fit
-    at = calibration_question.problem.constrain(fit.values, fit.deviations)
+    estimation, fit = refitted.estimation, refitted.fit
+    at = estimation.problem.constrain(fit.values, fit.deviations)
     ratio = max(fit.noise_ratio, 1.0) if np.isfinite(fit.noise_ratio) else 1.0
-    legs = slice(6, 6 + calibration_question.problem.rho.shape[-1])
-    readings = np.zeros_like(calibration_question.noise)
-    readings[:, legs, legs] = calibration_question.noise[:, legs, legs]
-    noise = {TARGETS: (calibration_question.noise - readings) * ratio**2, READINGS: readings * ratio**2}
-    prior, surveyed = _prior(answered, ratio)
+    legs = slice(6, 6 + estimation.problem.rho.shape[-1])
+    readings = np.zeros_like(estimation.noise)
+    readings[:, legs, legs] = estimation.noise[:, legs, legs]
+    noise = {TARGETS: (estimation.noise - readings) * ratio**2, READINGS: readings * ratio**2}
+    prior, surveyed = _prior(refitted, ratio)
     parts = linear_estimate(at.by_values, noise, prior, at.by_deviation)
     if ratio == 1.0:
         return parts
@@ -289,29 +288,29 @@ def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
     return parts | {beyond: total}
 
 
-def _prior(answered: RefittedCalibration, ratio: float) -> tuple[dict[Source, Array], tuple[Source, ...]]:
+def _prior(refitted: RefittedCalibration, ratio: float) -> tuple[dict[Source, Array], tuple[Source, ...]]:
     """Return the prior information (P, P) by source, and those of the sources that are measurements."""
-    dataset, calibration_question = answered.data, answered.question
-    left, by_source = calibration_question.prior.information.copy(), {}
+    dataset, estimation = refitted.data, refitted.estimation
+    left, by_source = estimation.prior.information.copy(), {}
     if dataset.surveyed is not None:
-        rows = survey_rows(dataset.surveyed, calibration_question.problem.parameters)
+        rows = survey_rows(dataset.surveyed, estimation.problem.parameters)
         information = np.zeros_like(left)
-        information[: calibration_question.count, : calibration_question.count] = rows.T @ np.linalg.solve(
+        information[: estimation.count, : estimation.count] = rows.T @ np.linalg.solve(
             dataset.surveyed.covariance, rows
         )
         left, by_source[SURVEYED] = left - information, information / ratio**2
-    for source, indices in _kinds(calibration_question).items():
+    for source, indices in _kinds(estimation).items():
         by_source[source] = np.diag(np.where(np.isin(np.arange(len(left)), indices), np.diag(left), 0.0))
     return by_source, tuple(source for source in by_source if source is SURVEYED)
 
 
-def _kinds(calibration_question: CalibrationQuestion) -> dict[Source, list[int]]:
+def _kinds(estimation: EstimationProblem) -> dict[Source, list[int]]:
     """Return the indices of the values by kind of prior: tolerances by kind, deformation as measured, wide priors."""
     indices: dict[Source, list[int]] = {}
-    for i in range(len(calibration_question.problem.start)):
-        source = WIDE if i < len(calibration_question.problem.start) - calibration_question.common else COMMON
-        if i < calibration_question.count and np.isfinite(calibration_question.tolerance[i]):
-            entry = calibration_question.problem.parameters.entries[i]
+    for i in range(len(estimation.problem.start)):
+        source = WIDE if i < len(estimation.problem.start) - estimation.common else COMMON
+        if i < estimation.count and np.isfinite(estimation.tolerance[i]):
+            entry = estimation.problem.parameters.entries[i]
             source = _tolerance(entry)
         indices.setdefault(source, []).append(i)
     return indices

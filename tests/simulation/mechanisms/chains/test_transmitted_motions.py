@@ -18,7 +18,7 @@ from truing.simulation.mechanisms.chains.causes import ChainScene, JointOffset
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 from truing.simulation.mechanisms.chains.link_causes import LinkGrowth
 from truing.simulation.mechanisms.chains.notations import Screw, tree_of_rows, tree_of_screws
-from truing.simulation.mechanisms.chains.passing import nodes_moved_alike
+from truing.simulation.mechanisms.chains.transmitted_motions import nodes_moved_alike
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree, axis_twist
 
 Z, X = np.eye(3)[2], np.eye(3)[0]

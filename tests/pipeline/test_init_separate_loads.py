@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init
 from tests.pipeline.test_init_loads import CHANNELS, COMPONENTS, LOADS, SIGNALS
-from truing.formats.shapes import WRENCH
+from truing.formats.raw_tables import WRENCH
 from truing.pipeline.campaign_check import check_campaign
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app

@@ -9,8 +9,8 @@ import plotly.graph_objects as go
 from truing.report import absorption
 from truing.report.absorption import absorbed_by, agreement, most_shifted_words
 from truing.report.calibration.calibrations import Key, calibration_name, displayed_calibration, rows_of
+from truing.report.column_heads import DEFORMATION, PARAMETER, UNIT, Head, leg_head
 from truing.report.figure_style import label, style
-from truing.report.heads import DEFORMATION, PARAMETER, UNIT, Head, leg_head
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, print_unit, symbols
