@@ -54,7 +54,7 @@ class PartProblem:
     def is_too_large(self) -> bool:
         """True if one fit would take longer than ten seconds."""
         epochs, tall, unknowns = self.by_shared.shape
-        return epochs * tall * unknowns**2 > _MOST_PRODUCTS
+        return bool(epochs * tall * unknowns**2 > _MOST_PRODUCTS)
 
     def estimated(self) -> PartErrors:
         """Return the errors of the parts, weighted by noise and by the scatter of all parts."""

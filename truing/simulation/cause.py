@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
@@ -338,9 +338,13 @@ class Cause(Generic[SceneT_contra]):
         return tuple(ReportedParameter(p.name, float(v / p.si), float(s / p.si), p.unit) for p, v, s in named)
 
 
-@cache
+_FIELDS: dict[type, tuple[str, ...]] = {}  # names by class: thousands of candidates are asked for their settings
+
+
 def _names_of_fields(kind: type[Cause[Any]]) -> tuple[str, ...]:
-    return tuple(own.name for own in fields(kind))
+    if kind not in _FIELDS:
+        _FIELDS[kind] = tuple(own.name for own in fields(kind))
+    return _FIELDS[kind]
 
 
 @dataclass(frozen=True)
