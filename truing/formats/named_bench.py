@@ -11,6 +11,7 @@ import numpy as np
 from truing.arrays import Array
 from truing.formats.axis_directions import DIRECTION, direction_of
 from truing.formats.guess import MappingKeys
+from truing.formats.named_temperatures import temperatures_of_positions
 from truing.formats.units import bare_and_unit, conversion, is_convertible
 
 _LOADED = {
@@ -145,6 +146,9 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
     columns |= {"cycle": meanings["cycle"]} if "cycle" in meanings else {}
     units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", pair[0])}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
+    warm = temperatures_of_positions(names)
+    columns |= warm["columns"]
+    unit_of_column |= warm.get("units", {})
     words = {raw: word for raw, word in renames.items() if raw != word}
     mapping: MappingKeys = {
         "columns": columns,

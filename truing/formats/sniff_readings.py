@@ -18,6 +18,7 @@ from truing.formats.named_bench import (
 )
 from truing.formats.named_joints import configurations_of_joints
 from truing.formats.named_loads import channels_without_loads, load_columns
+from truing.formats.named_temperatures import temperature_columns
 from truing.formats.proposed_loads import proposal_of_loads, with_doubt_on_samples
 from truing.formats.proposed_poses import NamedCells, column_that_counts, doubt_on_computed_poses, proposal_of_joints
 
@@ -98,16 +99,15 @@ def proposal_of_axis(
     axes: Sequence[Proposal], names: tuple[str, ...], mapping: MappingKeys, meant: Mapping[str, str]
 ) -> Guess:
     """Return the proposal of an axis; of two, in degrees and in millimetres, the first is taken."""
-    more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
+    more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s")}
     numbered = {} if "pose" in more or "pose" in names else {"number_rows": {"pose": 1}}
-    guesses = [
-        Guess(
-            {**mapping, **axis.mapping, "columns": {**more, **axis.mapping["columns"]}, **numbered},
-            *(names, axis.table, (axis.note,)),
-            doubts=axis.doubts,
-        )
-        for axis in axes
-    ]
+    guesses = []
+    for axis in axes:
+        warm = temperature_columns(names, {*more.values(), *axis.mapping["columns"].values()})
+        units = {**axis.mapping.get("units", {}), **warm.get("units", {})}
+        keys = {**mapping, **axis.mapping, "columns": {**more, **axis.mapping["columns"], **warm["columns"]}}
+        keys |= {**({"units": units} if units else {}), **numbered}
+        guesses.append(Guess(keys, names, axis.table, (axis.note,), doubts=axis.doubts))
     if len(guesses) == 1:
         return _with_sign_of_readings(guesses[0])
     taken, alternative = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")

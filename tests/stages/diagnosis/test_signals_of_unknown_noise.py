@@ -59,7 +59,7 @@ def test_the_running_number_of_the_rows_is_no_input(diagnosed: tuple[bool, pd.Da
 
 
 def test_undeclared_noise_is_estimated_next_to_the_causes_found(tmp_path: Path) -> None:
-    """The scatter about the plain model holds the effect itself: by it, sigma of the effect would be 30 times larger."""
+    """The scatter about the plain model holds the effect itself: by it, sigma would be 30 times larger."""
     rng = np.random.default_rng(5)
     loads = rng.uniform(-1.0, 1.0, (60, 6))
     signals = loads @ rng.normal(0.0, 100.0, (6, 6))
