@@ -61,7 +61,7 @@ class CauseForms(Generic[CauseT]):
                 if is_distinct and gain > _PLAIN_GAIN and (further is None or _squares(after) <= _squares(further)):
                     chosen = replace(step.chosen, candidate=form)
                     changed = replace(step, chosen=chosen, cause=cause, is_contested=False)
-                    return self._fitted_in_turn([*found[:at], changed, *found[at + 1 :]])
+                    return self.fitted_in_turn([*found[:at], changed, *found[at + 1 :]])
         return None
 
     def is_contested(
@@ -78,7 +78,7 @@ class CauseForms(Generic[CauseT]):
             better += _gain(after, other) > _CONTESTED_GAIN and cause.is_distinct(*other.values(cause))
         return better >= min(2, len(forms)) > 0
 
-    def _fitted_in_turn(self, steps: Sequence[Accepted[CauseT]]) -> list[Accepted[CauseT]]:
+    def fitted_in_turn(self, steps: Sequence[Accepted[CauseT]]) -> list[Accepted[CauseT]]:
         """Return accepted causes with the models of a search that accepts them in this order."""
         after = steps[0].before
         fitted: list[Accepted[CauseT]] = []
