@@ -30,11 +30,13 @@ def without_commanded_poses(files: Sequence[_File]) -> list[_File]:
     words = [_word(group) if guess.table == "poses" and not guess.known else "" for group, guess in files]
     is_measured = any(guess.table in _MEASURED and not word for (_, guess), word in zip(files, words, strict=True))
     return [
-        (group, replace(guess, table=None, known=True, mapping={}, notes=(_NOTE.format(word=word),), ways=(), doubts=()))
-        if word and is_measured
-        else (group, guess)
+        (group, _not_read(guess, word) if word and is_measured else guess)
         for (group, guess), word in zip(files, words, strict=True)
     ]
+
+
+def _not_read(guess: Guess, word: str) -> Guess:
+    return replace(guess, table=None, known=True, mapping={}, notes=(_NOTE.format(word=word),), ways=(), doubts=())
 
 
 def _word(group: RawGroup) -> str:
