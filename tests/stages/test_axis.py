@@ -83,6 +83,15 @@ def test_the_hidden_cause_is_found_with_its_subject_and_size(run: Path) -> None:
     assert settings["zero-shift"]["event"] == "power-cycle"
 
 
+def test_commands_repeated_at_reversals_ask_for_their_direction(tmp_path: Path) -> None:
+    folder = write(_campaign(), tmp_path / "campaign")
+    assert "3 commands are repeated where the axis turns" in _truing("check", str(folder))[1]
+    file = folder / "configurations.csv"
+    head, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([f"{head},approach", *(f"{row},1" for row in rows)]) + "\n")
+    assert "repeated where the axis turns" not in _truing("check", str(folder))[1]
+
+
 def test_errors_fall_to_the_noise_in_every_encoder_held_out_too(run: Path) -> None:
     errors = pq.read_table(run / "axis_errors.parquet").to_pandas()
     assert len(errors) == 120
