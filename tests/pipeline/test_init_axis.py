@@ -90,3 +90,11 @@ def test_temperatures_of_air_and_machine_are_read_next_to_positioning_runs(tmp_p
     assert files["columns"]["air_temperature_c"] == "Air temp (°C)"
     assert files["columns"]["material_temperature_c"] == "Machine temp (°F)"
     assert files["units"]["material_temperature_c"] == "degF"
+
+
+def test_encoders_in_counts_say_what_an_entry_needs(tmp_path: Path) -> None:
+    rows = [f"{4200 * k}\t{7 * k % 50}.5\t{1000 * (7 * k % 50)}\t{77 * (7 * k % 50)}" for k in range(12)]
+    (tmp_path / "axis.tsv").write_text("\n".join(["t_ms\tcmd_deg\tmotor_cnt\tload_cnt", *rows]) + "\n")
+    done = CliRunner().invoke(app, ["init", str(tmp_path)])
+    assert "encoders in counts: motor_cnt, load_cnt" in done.stdout
+    assert 'motor_deg = { name = "motor_cnt", scale = 0.001, unit = "deg" }' in done.stdout

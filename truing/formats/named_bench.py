@@ -64,6 +64,9 @@ _NO_CONDITION = re.compile(
 _OF_MIRROR = re.compile("[xy]", re.IGNORECASE)  # both angles of an autocollimator's mirror
 _SMALL = ("arcsec", "urad", "mrad")
 _OF_LENGTHS = r"laser|interferometer|lip|lida|lif"  # instruments that mostly measure lengths
+_IN_COUNTS = re.compile(
+    r"[\s_\[(/.-](cnts?|cts|counts?|incr?|increments?|ink|inkremente|ticks?|pulses?)[\])]?$", re.IGNORECASE
+)
 _UNITS_OF_AXES = {"angle": "deg", "length": "mm"}
 _OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis behind a name
 
@@ -337,6 +340,11 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
     ]  # from command and measured place: no condition on which an error may depend
     mapping |= {"ignore": "|".join(computed)} if computed else {}
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
+
+
+def columns_in_counts(names: Sequence[str]) -> list[str]:
+    """Return the columns of encoders in counts, such as ``motor_cnt`` or ``Load [counts]``."""
+    return [name for name in names if _IN_COUNTS.search(name.strip())]
 
 
 def is_over_angle(names: Sequence[str]) -> bool:

@@ -10,6 +10,7 @@ from truing.formats.guess import Guess, MappingKeys, OtherWay, wide_template
 from truing.formats.named_bench import (
     Proposal,
     axis_rows,
+    columns_in_counts,
     is_deviation_by_name,
     is_over_angle,
     positions_of_axis,
@@ -72,8 +73,19 @@ def guess_readings(
         notes = [_A_COORDINATE_PER_ROW] if _has_axes_in_rows(cells.rows) else []
         notes += [_CHANNELS_ALONE] if channels_without_loads(names) else []
         notes += [_OVER_ANGLE] if not notes and is_over_angle(names) else []
+        in_counts = columns_in_counts(names)
+        notes += [_in_counts(in_counts)] if in_counts and not notes else []
         notes += [_PIXELS] if sum(_OF_PIXELS.fullmatch(name.strip()) is not None for name in names) == _IN_IMAGE else []
     return Guess(mapping | keys, names, table, tuple(notes))
+
+
+def _in_counts(names: Sequence[str]) -> str:
+    """Return what an entry by hand says of encoders in counts: no file says how far one is."""
+    entry = f'columns = {{ motor_deg = {{ name = "{names[0]}", scale = 0.001, unit = "deg" }}, ... }}'
+    return (
+        f"encoders in counts: {', '.join(names)}. Say how far a count is, and which column is the command, in "
+        f'[files.configurations]: {entry}, with [mechanism] type = "axis" (docs/axis.md)'
+    )
 
 
 def _bench_readings(cells: NamedCells) -> Proposal | None:
