@@ -159,8 +159,19 @@ def masses_against_lengths(tables: Mapping[str, pa.Table], settings: Campaign) -
             _MM * np.array(section.payload_com_mm or (0.0, 0.0, 0.0)),
             lengths + float(travel[~tree.is_revolute].sum()),
             all(node.mass > 0.0 for node in tree.nodes if node.kind is not JointKind.FIXED),
+            _next_joints(tree),
+            [node.link for node in tree.nodes],
         )
     )
+
+
+def _next_joints(tree: Tree) -> Array:
+    """Return the place (N, 3), m, of the next joint of each link in its frame; zero of outer links."""
+    ends = np.zeros((len(tree.nodes), 3))
+    for node in reversed(tree.nodes):
+        if node.parent >= 0:
+            ends[node.parent] = node.t
+    return ends
 
 
 def copies_of_links(tables: Mapping[str, pa.Table], settings: Campaign) -> list[RelationTest]:
