@@ -1,4 +1,4 @@
-"""Two exchanged slides of a gantry look like mirrored positions: the columns of readings are listed as equally likely."""
+"""Exchanged slides of a gantry look like mirrored positions: the columns of readings are listed as equally likely."""
 
 from __future__ import annotations
 
