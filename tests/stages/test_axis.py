@@ -92,6 +92,21 @@ def test_commands_repeated_at_reversals_ask_for_their_direction(tmp_path: Path) 
     assert "repeated where the axis turns" not in _truing("check", str(folder))[1]
 
 
+def test_rows_that_were_appended_twice_are_told_as_copies(tmp_path: Path) -> None:
+    folder = write(_campaign(), tmp_path / "campaign")
+    file = folder / "configurations.csv"
+    head, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([head, *rows, *rows[-3:]]) + "\n")
+    code, said = _truing("check", str(folder))
+    assert code == 2
+    assert "these rows repeat earlier ones in every value" in said
+    other = rows[-1].replace("calibration", "verification")
+    file.write_text("\n".join([head, *rows, *rows[-3:-1], other if other != rows[-1] else f"{rows[-1]}9"]) + "\n")
+    code, said = _truing("check", str(folder))
+    assert code == 2
+    assert "repeat earlier ones" not in said
+
+
 def test_errors_fall_to_the_noise_in_every_encoder_held_out_too(run: Path) -> None:
     errors = pq.read_table(run / "axis_errors.parquet").to_pandas()
     assert len(errors) == 120
