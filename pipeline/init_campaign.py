@@ -17,6 +17,7 @@ from truing.formats.guess import MappingKeys
 from truing.formats.source import OF_IMAGES
 from truing.pipeline.campaign_folder import FILE, suggested_folder
 from truing.pipeline.console import RunConsole
+from truing.pipeline.init_commanded_poses import without_commanded_poses
 from truing.pipeline.init_entries import (
     RawGroup,
     bodies_and_targets,
@@ -111,6 +112,7 @@ def init_campaign(
     )
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
+    guesses = without_commanded_poses(guesses)
     guesses = with_measured_apart(folder, with_loads_apart(folder, with_loads_once(folder, guesses)))
     all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))

@@ -74,7 +74,8 @@ OF_POSITIONS: Checks = {
         "Do the positions of a run follow the targets in their rows?",
         "A wrong unit or sign, deviations instead of positions, or shifted rows would appear as accuracy.",
         VerdictRule(
-            "rms misfit above 1 % of the travel", "a slip that explains the misfit, or above 5 % of the travel"
+            "rms misfit above 1 % of the travel, or a span below 0.05 ppm of it",
+            "a slip that explains the misfit, or above 5 % of the travel",
         ),
         "Correct the table or its mapping: unit, sign, column or row.",
     ),

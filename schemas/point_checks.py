@@ -108,7 +108,7 @@ OF_POINTS: Checks = {
         "Can an arm as long as this one have the declared masses, centres of mass and payload?",
         "Masses in g or centres in m give each deflection under weight a wrong size, or another cause.",
         VerdictRule(
-            warns="a payload heavier than all links together",
+            warns="a payload heavier than all links together, or a centre of mass behind its joint",
             fails="masses above those of a steel cube as long as the arm, a payload above a sixteenth of that, or "
             "centres of mass beyond three times its length or all within a thousandth of it",
         ),

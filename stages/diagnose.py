@@ -68,6 +68,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.stages.common.approaches import axis_of_approaches, has_only_approaches
     from truing.stages.common.belonging import reason_withheld
     from truing.stages.diagnosis.artifacts import not_evaluated, outcome, outcome_of_rays
+    from truing.stages.diagnosis.noise_of_signals import with_noise_next_to_causes
     from truing.stages.diagnosis.ray_findings import corrected, ray_findings, with_shared_errors
     from truing.stages.diagnosis.ray_points import has_rays
     from truing.stages.diagnosis.search import assembled_data, search_causes
@@ -85,6 +86,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         if rays is not None:
             data = with_shared_errors(data, tables, rays)
         diagnosis = search_causes(data, settings, progress)
+        if (quieter := with_noise_next_to_causes(diagnosis, data)) is not None:
+            data, diagnosis = quieter, search_causes(quieter, settings, progress)
         progress(0, 1, "detectable sizes, and next measurements")
         return outcome(diagnosis, data, rays, settings)
     except np.linalg.LinAlgError:

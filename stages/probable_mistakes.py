@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from truing.formats.grad_units import is_grad
 from truing.formats.raw_tables import CONFIGURATIONS
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import AxisMechanism
 
 _GIVE_SCALE = {"scale_bars", "known_points", "image_targets"}
 _KEYS_OF_READINGS = {"d": "linear_um", "r": "angular_arcsec"}
@@ -37,6 +38,7 @@ def attention(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
         yield from _remarks_on_bodies(contents)
         yield from _remarks_on_targets(contents)
         yield from _remarks_on_machine(settings, contents)
+        yield from _remarks_on_approach(settings, contents)
         yield from _remarks_on_scale(settings, contents)
         yield from _remarks_on_decisions(settings, contents)
     else:
@@ -149,6 +151,30 @@ def _remarks_on_machine(settings: Campaign, contents: CampaignContents) -> Itera
         yield (
             f'configurations has joint readings {joints[0]} to {joints[-1]}, and no [mechanism] type = "chain" '
             "describes the arm: joints and links are not diagnosed"
+        )
+
+
+def _remarks_on_approach(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
+    """Commands that are repeated where an axis turns, whose direction of approach the rows cannot show."""
+    configurations = contents.tables.get("configurations")
+    if configurations is None or settings.mechanism.type != "axis":
+        return
+    command = cast("AxisMechanism", settings.mechanism).command
+    if command not in configurations.column_names or "approach" in configurations.column_names:
+        return
+    commands = configurations.column(command).to_pylist()
+    if "time_s" in configurations.column_names:
+        times = configurations.column("time_s").to_pylist()
+        commands = [at for _, at in sorted(zip(times, commands, strict=True), key=lambda row: row[0] or 0.0)]
+    turns = [
+        before
+        for first, before, after, last in zip(commands, commands[1:], commands[2:], commands[3:], strict=False)
+        if None not in (first, before, after, last) and before == after and (before - first) * (last - after) < 0.0
+    ]
+    if len(turns) > 1:
+        yield (
+            f"{len(turns)} commands are repeated where the axis turns. They count as approached from the same side as "
+            "before; if the axis went beyond and came back, as by ISO 230-2, say so in a column approach (1 or -1)"
         )
 
 

@@ -160,4 +160,10 @@ def check_unique_keys(collected: CollectedRows, log: FaultLog, *key: str, cure: 
     again = collected.without_faults(*key)
     rows = np.flatnonzero(again)
     again[rows[np.unique(numbered(collected, *key)[rows], return_index=True)[1]]] = False
+    if again.any():
+        every = numbered(collected, *collected.table.column_names)
+        is_copied = np.ones(len(again), bool)
+        is_copied[np.unique(every, return_index=True)[1]] = False
+        if is_copied[again].all():
+            cure = "; these rows repeat earlier ones in every value: leave the copies out"
     collected.fault(log, again, key[-1], f"every {', '.join(key)} once{cure}")

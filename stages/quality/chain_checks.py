@@ -159,8 +159,19 @@ def masses_against_lengths(tables: Mapping[str, pa.Table], settings: Campaign) -
             _MM * np.array(section.payload_com_mm or (0.0, 0.0, 0.0)),
             lengths + float(travel[~tree.is_revolute].sum()),
             all(node.mass > 0.0 for node in tree.nodes if node.kind is not JointKind.FIXED),
+            _next_joints(tree),
+            [node.link for node in tree.nodes],
         )
     )
+
+
+def _next_joints(tree: Tree) -> Array:
+    """Return the place (N, 3), m, of the next joint of each link in its frame; zero of outer links."""
+    ends = np.zeros((len(tree.nodes), 3))
+    for node in reversed(tree.nodes):
+        if node.parent >= 0:
+            ends[node.parent] = node.t
+    return ends
 
 
 def copies_of_links(tables: Mapping[str, pa.Table], settings: Campaign) -> list[RelationTest]:
@@ -322,7 +333,7 @@ def _explained(compared: ComparedChain, tested: RelationTest, tolerated: float) 
         *slips_of_description(compared),
         *slips_of_zeros(compared, fit),
     ]:
-        return _failed_as_a_whole(tested, slips)
+        return _with_columns_of_slides(_failed_as_a_whole(tested, slips), compared)
     if units := list(units_within_tolerances(compared, fit, tolerated)):
         return _failed_as_a_whole(tested, units)
     if (moved := moved_frame(compared, fit)) is not None:
@@ -415,6 +426,22 @@ def _failed_as_a_whole(tested: RelationTest, whole_slips: list[WholeSlip]) -> Re
     return replace(
         _failed(tested, (first.slip,), first.after), rivals=tuple(equivalent.slip for equivalent in equally_good)
     )
+
+
+def _with_columns_of_slides(tested: RelationTest, compared: ComparedChain) -> RelationTest:
+    """The test with the slips in columns of readings that explain it as well as mirrored positions do: a chain of
+    slides alone shows no difference between a mirror image and a reversed slide, or two exchanged ones."""
+    explained = tested.misfit_explained
+    if compared.tree.is_revolute.any() or tested.slips[0].kind is not SlipKind.MIRRORED or explained is None:
+        return tested
+    fit, conditions = compared.fit, compared.conditions
+    columns = [column.name for column in joint_columns(compared.tree, compared.table.schema.names)]
+    found = tuple(
+        column_slip(kind, [columns[k] for k in of_slip])
+        for kind, of_slip, readings in corrected_columns(conditions.readings, compared.tree.is_revolute)
+        if fit.start_of(compared.usable, replace(conditions, readings=readings)).rms / _MM <= _AS_LIKELY * explained
+    )
+    return replace(tested, rivals=(*tested.rivals, *found))
 
 
 def _constant(compared: ComparedChain) -> tuple[RecordSlip, ...]:

@@ -30,6 +30,8 @@ from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check,
 WAYS = ("forward", "backward")
 _UM = 1e3  # per mm
 _NO_MATCH, _NOTED = 0.05, 0.01  # rms misfit over the travel
+# Span of deviations over the travel below which no interferometer in air measures: about half of 0.1 ppm.
+_LEAST_SHARE = 5e-8
 _CHANCE, _COPIED, _DRIFT, _JUMP = 1e-3, 1e-4, 1e-4, 1e-6
 _FEW, _TWO = 3, 2
 _TIMES_SCATTER = 10.0
@@ -165,6 +167,10 @@ def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
         text += " far from the target: a misread digit, or the value of another row."
     elif match.misfit > limit:
         text += " No tested recording error explains this."
+    span = float(np.nanmax(run.deviation) - np.nanmin(run.deviation))
+    if 0.0 < span < _LEAST_SHARE * _UM * travel:
+        text += f" They span {span:.2g} um, less than the wavelength of light is known to in air: did you mean mm?"
+        return Check("positions-against-targets", run.subject, match.misfit, limit, "mm", WARN, text)
     verdict = FAIL if _contradicts_targets(run, match) else WARN if match.misfit > _NOTED * travel else PASS
     return Check("positions-against-targets", run.subject, match.misfit, limit, "mm", verdict, text)
 

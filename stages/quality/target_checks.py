@@ -150,9 +150,30 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
     poses = [pose for pose, is_framed in zip(body.points.poses, body.framed, strict=True) if is_framed]
-    count = gross_error_count(int(gross.sum()), seen)
-    text = f"{body.name}: {count}{tail}{_since(poses, np.any(gross, 1))}."
-    yield limits.of("gross-errors").row(body.name, share, "1", text)
+    count, row = gross_error_count(int(gross.sum()), seen), limits.of("gross-errors")
+    since = _since(poses, np.any(gross, 1))
+    if (
+        not since
+        and row.verdict(share) != PASS
+        and (whole := _of_whole_poses(gross, body.points.is_observed[body.framed]))
+    ):
+        count, since = f"{int(gross.sum())} of {seen} readings are as far off as gross errors", whole
+    yield row.row(body.name, share, "1", f"{body.name}: {count}{tail}{since}.")
+
+
+def _of_whole_poses(gross: Mask, is_observed: Mask) -> str:
+    """Return that most of many gross errors (B, T) are of some poses as a whole; else empty.
+
+    Gross errors of single targets hardly meet in one pose. Where most targets of a pose are off, it is noisier: the
+    machine vibrated, or the body was not at rest.
+    """
+    several = gross.sum(axis=1) > 1
+    whole = several & (2 * gross.sum(axis=1) > is_observed.sum(axis=1))
+    of_whole = int(gross[whole].sum())
+    if whole.sum() < _FEWEST_AROUND or 2 * of_whole <= gross.sum():
+        return ""
+    where = f"{of_whole} of them in {int(whole.sum())} of {len(gross)} poses in which most targets are off"
+    return f"; {where}: these poses as a whole may be noisier, as by vibration"
 
 
 def _since(poses: Sequence[int | str], is_affected: Mask) -> str:

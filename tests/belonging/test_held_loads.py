@@ -20,7 +20,9 @@ LATE = np.repeat(np.arange(COUNT) >= 33, TIMES)
 Change = Callable[[np.ndarray, np.ndarray], None]
 
 
-def response_test(change: Change = lambda load, signal: None, curved: float = 0.0) -> RelationTest | None:
+def response_test(
+    change: Change = lambda load, signal: None, curved: float = 0.0, runs: int = COUNT
+) -> RelationTest | None:
     """Test of 60 held loads, three samples each, after a change of loads (180, 6) and signals (180, 6)."""
     rng = np.random.default_rng(7)
     load = rng.uniform(-1.0, 1.0, (COUNT, 6)) * [100.0, 100.0, 200.0, 5.0, 5.0, 5.0]
@@ -29,8 +31,9 @@ def response_test(change: Change = lambda load, signal: None, curved: float = 0.
     loads, signals = np.repeat(load, TIMES, axis=0), np.repeat(signal, TIMES, axis=0)
     signals += NOISE * rng.normal(size=signals.shape)
     change(loads, signals)
-    run = np.repeat(np.arange(COUNT), TIMES)
-    steps = SignalSteps(loads, run, signals, [f"run {k + 1}" for k in range(COUNT)])
+    run = np.repeat(np.arange(runs), TIMES * COUNT // runs)
+    step = np.arange(1, len(run) + 1)
+    steps = SignalSteps(loads, run, signals, [f"run {k + 1}" for k in range(runs)], step=step)
     return against_one_response(steps, COLUMNS, "signals-against-loads")
 
 
@@ -83,6 +86,13 @@ def test_a_slip_in_some_runs_is_named_with_them(change: Change, kind: SlipKind, 
     (slip,) = tested.slips
     assert (slip.kind, slip.subjects) == (kind, subjects)
     assert (tested.misfit_explained or np.inf) < 1.0 < (tested.misfit or 0.0)
+
+
+@pytest.mark.parametrize(("runs", "place"), [(1, "from step 100 on"), (2, "from run 2 step 100 on")])
+def test_where_a_run_holds_several_loads_a_slip_begins_at_a_step(runs: int, place: str) -> None:
+    tested = response_test(late_sign, runs=runs)
+    assert tested is not None
+    assert tested.slips[0].subjects == ("v3", place)
 
 
 def test_the_unit_of_some_loads_has_its_factor() -> None:

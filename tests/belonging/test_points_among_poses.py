@@ -110,6 +110,14 @@ def test_a_body_that_bends_and_a_target_that_moved_hold_no_slip(size: float) -> 
     assert (found.state is RelationState.FAILS, found.slips) == (False, ())
 
 
+@pytest.mark.parametrize("first", [9, 12])
+def test_a_target_that_moved_on_a_body_at_rest_is_in_no_other_unit(first: int) -> None:
+    part = _points()[0] - _points()[0].mean(axis=0)  # coordinates of the part, as of a coordinate measuring machine
+    points = part + SIGMA * np.random.default_rng(3).normal(size=(POSES, 5, 3))
+    points[first:, 2] += [2e-3, -1e-3, 0.0]
+    assert relate_poses(_body(points)).slips == ()
+
+
 def test_a_gross_error_in_the_first_pose_leaves_the_shape_as_it_is() -> None:
     points = _points()
     right = shape_of_poses(_pose_points(points)).points

@@ -44,3 +44,9 @@ def test_the_six_letters_of_yaskawa_are_joints_without_a_unit_and_t_is_no_time()
     letters = dict(zip("SLURBT", range(1, 7), strict=True))
     assert read.mapping["columns"] == {f"joint{k}_rad": letter for letter, k in letters.items()}
     assert read.doubts  # the unit is a guess
+
+
+def test_a_length_z_takes_the_number_that_the_joints_of_a_scara_robot_lack() -> None:
+    assert found("time", "J1 [deg]", "J2 [deg]", "Z [mm]", "J4 [deg]") == ("J1 [deg]", "J2 [deg]", "Z [mm]", "J4 [deg]")
+    assert found("J1 [deg]", "J2 [deg]", "J3 [deg]", "Z [mm]") == ("J1 [deg]", "J2 [deg]", "J3 [deg]")
+    assert found("J1", "J2", "Z [mm]", "J4") is None, "no unit says that these are angles"

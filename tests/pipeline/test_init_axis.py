@@ -60,3 +60,41 @@ def test_a_file_that_is_not_recognised_says_why_and_where_entries_are_described(
     assert "no table has columns of these names; columns foo, bar, baz" in done.stdout
     for text in (done.stdout, (tmp_path / "campaign.toml").read_text()):
         assert "docs/own-files.md" in text
+
+
+@pytest.mark.parametrize(
+    ("head", "expected"),
+    [
+        ("Air temperature [°C];T_mat [°C]", {"air_temperature_c": 20.0, "mat_temperature_c": 21.0}),
+        ("Temperatur Maßstab;Spindle Temp [F]", {"massstab_temperature_c": 20.0, "spindle_temperature_c": -6.1111}),
+        ("Air Temp (°F);Temp (C)", {"air_temperature_c": -6.6667, "temperature_c": 21.0}),
+    ],
+)
+def test_temperatures_next_to_an_axis_are_read_with_their_units(
+    tmp_path: Path, head: str, expected: dict[str, float]
+) -> None:
+    rows = [f"{k};{37.0 * k:.3f};{37.0 * k + 1e-3:.5f};20.0;21.0" for k in range(9)]
+    (tmp_path / "axis.csv").write_text("\n".join([f"No;Nominal [mm];Laser [mm];{head}", *rows]) + "\n")
+    assert CliRunner().invoke(app, ["init", str(tmp_path)]).exit_code == 0
+    document = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
+    found = table(tmp_path, document, ROWS)
+    assert_close(numbers(found, *expected)[0], list(expected.values()), atol=1e-4, what="temperatures")
+
+
+def test_temperatures_of_air_and_machine_are_read_next_to_positioning_runs(tmp_path: Path) -> None:
+    head = "Run;Direction;Target (mm);Error (µm);Air temp (°C);Machine temp (°F);Pressure (mbar)"
+    rows = [f"1;{'+' if k < 5 else '-'};{40.0 * min(k, 9 - k):.1f};{0.1 * k};20.5;69.8;1012" for k in range(10)]
+    (tmp_path / "axis.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    assert CliRunner().invoke(app, ["init", str(tmp_path)]).exit_code == 0
+    files = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))["files"]["positioning"]
+    assert files["columns"]["air_temperature_c"] == "Air temp (°C)"
+    assert files["columns"]["material_temperature_c"] == "Machine temp (°F)"
+    assert files["units"]["material_temperature_c"] == "degF"
+
+
+def test_encoders_in_counts_say_what_an_entry_needs(tmp_path: Path) -> None:
+    rows = [f"{4200 * k}\t{7 * k % 50}.5\t{1000 * (7 * k % 50)}\t{77 * (7 * k % 50)}" for k in range(12)]
+    (tmp_path / "axis.tsv").write_text("\n".join(["t_ms\tcmd_deg\tmotor_cnt\tload_cnt", *rows]) + "\n")
+    done = CliRunner().invoke(app, ["init", str(tmp_path)])
+    assert "encoders in counts: motor_cnt, load_cnt" in done.stdout
+    assert 'motor_deg = { name = "motor_cnt", scale = 0.001, unit = "deg" }' in done.stdout

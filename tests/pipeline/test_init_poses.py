@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from tests.pipeline.skeletons import activated
 from tests.pipeline.test_init_exports import JOINTS, URDF, init, numbers, table
 from tests.tolerance import assert_close
 from truing.formats.raw_tables import POSES
+from truing.pipeline.command_line import app
 
 RNG = np.random.default_rng(31)
 AT = RNG.uniform(-2.0, 2.0, (len(JOINTS), 3)).round(6)  # m
@@ -71,3 +74,16 @@ def test_noise_of_a_chain_whose_measurement_is_missing_stands_under_its_head(tmp
     assert {line.split(" =")[0] for line in lines[lines.index("[noise]") + 1 :]} >= {
         *("joint_deg", "point_mm", "displacement_mm", "rotation_rad"),
     }
+
+
+def test_poses_as_commanded_are_not_read_as_measured_ones(tmp_path: Path) -> None:
+    poses = [f"{k};{100 + k}.5;{k * k};3{k};{k};2;{k + 1}" for k in range(1, 13)]
+    (tmp_path / "KRC_soll.csv").write_text("\n".join(["Nr;X;Y;Z;A;B;C", *poses]) + "\n")
+    measured = [f"{k},{100 + k}.51,{k * k},3{k},1,0,0,0" for k in range(1, 13)]
+    (tmp_path / "TMAC_ist.csv").write_text("\n".join(["id,x,y,z,q0,q1,q2,q3", *measured]) + "\n")
+    done = CliRunner().invoke(app, ["init", str(tmp_path)])
+    assert done.exit_code == 0, done.stderr
+    document = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
+    assert document["files"]["poses"]["path"] == "TMAC_ist.csv"
+    assert "KRC_soll.csv: poses as commanded (soll)" in done.stdout
+    assert "export the joints of each pose" in done.stdout

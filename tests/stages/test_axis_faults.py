@@ -111,3 +111,27 @@ def test_an_axis_that_never_moves_is_not_evaluated(tmp_path: Path) -> None:
     folder = write(made, tmp_path / "c")
     _, said = truing_command("check", str(folder))
     assert "command_deg never changes" in said
+
+
+def test_commands_repeated_at_reversals_ask_for_their_direction(tmp_path: Path) -> None:
+    folder = write(axis_campaign(), tmp_path / "campaign")
+    assert "3 commands are repeated where the axis turns" in truing_command("check", str(folder))[1]
+    file = folder / "configurations.csv"
+    head, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([f"{head},approach", *(f"{row},1" for row in rows)]) + "\n")
+    assert "repeated where the axis turns" not in truing_command("check", str(folder))[1]
+
+
+def test_rows_that_were_appended_twice_are_reported_as_copies(tmp_path: Path) -> None:
+    folder = write(axis_campaign(), tmp_path / "campaign")
+    file = folder / "configurations.csv"
+    head, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([head, *rows, *rows[-3:]]) + "\n")
+    code, said = truing_command("check", str(folder))
+    assert code == 2
+    assert "these rows repeat earlier ones in every value" in said
+    other = rows[-1].replace("calibration", "verification")
+    file.write_text("\n".join([head, *rows, *rows[-3:-1], other if other != rows[-1] else f"{rows[-1]}9"]) + "\n")
+    code, said = truing_command("check", str(folder))
+    assert code == 2
+    assert "repeat earlier ones" not in said

@@ -12,7 +12,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from truing.arrays import Array, Mask
+from truing.arrays import Array, Index, Mask
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.signal_tests import SignalSteps
@@ -67,7 +67,7 @@ def against_one_response(steps: SignalSteps, columns: Sequence[RecordedColumn], 
         if rows is not None:
             after = fit.distance(other.load, other.signal)
             is_of_all = slip.kind is SlipKind.ROWS_SHIFTED and np.mean(after <= fit.limit) > _NEARLY_ALL
-            where = () if is_of_all else row_places(*rows, holds.runs, (), "")
+            where = () if is_of_all else row_places(*rows, holds.names, (), "")
             left = rms_of(after[rows[0]])
             candidates.append((left, replace(slip, subjects=(*slip.subjects, *where))))
     if not candidates:
@@ -80,11 +80,12 @@ def against_one_response(steps: SignalSteps, columns: Sequence[RecordedColumn], 
 
 @dataclass(frozen=True)
 class _Holds:
-    """Mean signals (H, S), V, of held loads (H, 6), N and N m, with the name of the run of each."""
+    """Mean signals (H, S), V, of held loads (H, 6), N and N m, with the name of each: its run, or its first step if a
+    run holds several loads."""
 
     load: Array
     signal: Array
-    runs: Sequence[str]
+    names: Sequence[str]
 
 
 def _holds(steps: SignalSteps) -> _Holds:
@@ -95,7 +96,17 @@ def _holds(steps: SignalSteps) -> _Holds:
     first = np.flatnonzero(new)
     count = np.diff(np.append(first, len(indices)))
     mean = np.add.reduceat(value, first, axis=0) / count[:, None] if len(first) else value
-    return _Holds(load[first], mean, [steps.runs[number] for number in run[first].tolist()])
+    return _Holds(load[first], mean, _names(steps, indices[first]))
+
+
+def _names(steps: SignalSteps, first: Index) -> list[str]:
+    """Return the name of each held load by its first row (H,): its run, or its step if a run holds several."""
+    runs = steps.run[first].tolist()
+    if steps.step is None or len(set(runs)) == len(runs):
+        return [steps.runs[number] for number in runs]
+    of_step = [f"step {step}" for step in steps.step[first].tolist()]
+    is_single = len(set(runs)) == 1
+    return [step if is_single else f"{steps.runs[run]} {step}" for run, step in zip(runs, of_step, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -205,7 +216,7 @@ def _frozen(holds: _Holds, columns: Sequence[RecordedColumn]) -> RecordSlip | No
         if kinds < _FEWEST_APART or alike ** (kinds - 1) > _CHANCE or _is_clipped(holds, signal, is_constant):
             continue
         return RecordSlip(
-            SlipKind.FROZEN, column.quantity, (column.name, *row_places(is_constant, ~is_constant, holds.runs, (), ""))
+            SlipKind.FROZEN, column.quantity, (column.name, *row_places(is_constant, ~is_constant, holds.names, (), ""))
         )
     return None
 

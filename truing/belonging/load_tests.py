@@ -177,7 +177,7 @@ class _ValueTable:
         still = list(constant_columns(steps.load, steps.run, value))
         for column in still:
             value[steps.run == column.run, column.column] = np.nan
-        return _Used(SignalSteps(steps.load, steps.run, value, runs), still)
+        return _Used(SignalSteps(steps.load, steps.run, value, runs, step=steps.step), still)
 
     def tests(
         self, response: RelationTest, used: _Used, answers: Array, steps: RecordedSteps, wrong: Sequence[RunPart]

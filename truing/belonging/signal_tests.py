@@ -89,7 +89,7 @@ def _is_confirmed(share: Array, run: Index) -> Mask:
 class SignalSteps:
     """Load steps with signals: load (N, 6) in N and N m, run (N,) from 0, signal (N, S) in V, and names of runs.
 
-    ``tared``: signals are zero at no load, instead of a separate zero in each run.
+    ``tared``: signals are zero at no load, instead of a separate zero in each run. ``step``: numbers (N,) of the steps.
     """
 
     load: Array
@@ -97,6 +97,7 @@ class SignalSteps:
     value: Array
     runs: Sequence[str]
     tared: bool = False
+    step: Index | None = None
 
 
 def against_geometry(

@@ -170,13 +170,15 @@ def _explained(
     if concerned.sum() < _FEWEST_POSES:
         return None
     before = _distance(rows.measured, rows.expected)
-    shapes = [(rows.expected, concerned)]
+    shapes = [(rows.expected, concerned, before)]
     if not rows.is_surveyed:  # the points that a slip concerns tell the place only after it is undone
-        shapes.append((rows.at(rows.median_point(undone)), known))
-    for expected, tested in shapes:
+        # Points that are merely shrunk scatter less about any place: they have to follow the body as it moves.
+        still = _distance(undone, np.median(undone[known], axis=0))
+        shapes.append((rows.at(rows.median_point(undone)), known, np.minimum(before, still)))
+    for expected, tested, reference in shapes:
         after = _distance(undone, expected)[tested]
         right = np.mean(after <= noise * rows.limit)
-        if right >= _OTHERS_AGREE and np.median(after) <= _MOST_LEFT * np.median(before[tested]):
+        if right >= _OTHERS_AGREE and np.median(after) <= _MOST_LEFT * np.median(reference[tested]):
             return float(np.median(after)), _placed(slip, rows, tested)
     return None
 

@@ -7,7 +7,7 @@ masses (cause weight-factor).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,8 @@ _SHORTEST = 0.2  # m: reach below which nothing is tested
 _FARTHEST, _NEAREST = 3.0, 1e-3  # reaches: no centre of mass is farther off, and not all are so near
 _FEWEST = 3  # centres that are all too near
 _NEAREST_PAYLOAD = 2e-4  # m: nobody gives the centre of a payload to less than that
+_LONG = 0.1  # share of the reach from which a link is long
+_BEHIND = 0.25  # share of a long link's length: counterweights and motors shift its centre behind its joint by less
 _GRAMS, _MILLI = 1e-3, 1e-3
 _NEWTON = 1.0 / 9.80665
 _MASSES, _PAYLOAD_KG = "masses of links", "payload_kg"
@@ -34,6 +36,7 @@ class Weights:
     """Declared masses (N,), kg, and centres (N, 3), m, of links, those of the payload, and the reach of a chain, m.
 
     ``com`` and ``payload_com`` are zero where no centre is declared. ``is_complete``: every link that moves has a mass.
+    ``ends`` (N, 3), m: the next joint of each link, in the frame of ``com``; ``links`` (N,): their names.
     """
 
     mass: Array
@@ -42,6 +45,8 @@ class Weights:
     payload_com: Array
     reach: float
     is_complete: bool = False
+    ends: Array | None = None
+    links: Sequence[str] = ()
 
 
 def relate_weights(weights: Weights) -> RelationTest:
@@ -58,7 +63,24 @@ def relate_weights(weights: Weights) -> RelationTest:
         asked = (RecordSlip(SlipKind.UNIT, _PAYLOAD_KG, factor=_NEWTON, dimension="mass"),)
         sizes = ("", carried, None, _USUALLY_CARRIED, "1")
         return RelationTest(WEIGHTS, RelationState.ATTENTION, "heavy-payload", *sizes, asked, hidden=unseen)
+    share, link = _farthest_behind(weights)
+    if share > _BEHIND:
+        sizes = (link, share, None, _BEHIND, "1")
+        return RelationTest(WEIGHTS, RelationState.ATTENTION, "centre-behind", *sizes, hidden=unseen)
     return RelationTest(WEIGHTS, RelationState.OK, "agrees", "", 0.0, None, 0.0, "1", hidden=unseen)
+
+
+def _farthest_behind(weights: Weights) -> tuple[float, str]:
+    """Return how far the centre of mass of a long link lies behind its joint, over its length, and the link: (0, empty)
+    without one. So it looks where centres are declared in the frame at the end of a row."""
+    if weights.ends is None:
+        return 0.0, ""
+    length = np.sqrt(np.sum(weights.ends**2, axis=1))
+    long = (length > _LONG * weights.reach) & (weights.mass > 0.0)
+    share = -np.sum(weights.com * weights.ends, axis=1) / np.where(long, length, 1.0) ** 2
+    share = np.where(long, share, 0.0)
+    worst = int(share.argmax())
+    return float(share[worst]), weights.links[worst] if share[worst] > 0.0 else ""
 
 
 def _slips(weights: Weights) -> Iterator[RecordSlip]:

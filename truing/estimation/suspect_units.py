@@ -227,7 +227,9 @@ def _is_rate(pace: float) -> bool:
 
 
 def _is_by_the_clock(pace: float, is_even: bool) -> bool:
-    return is_even and abs(pace / _HOUR - round(pace / _HOUR)) < _EVEN
+    """True for a pace of whole hours by which a day, or several, begin alike; every 25 hours nobody measures."""
+    hours = round(pace / _HOUR)
+    return is_even and abs(pace / _HOUR - hours) < _EVEN and hours > 0 and (24 % hours == 0 or hours % 24 == 0)
 
 
 def _is_by_day(time: Array) -> bool:

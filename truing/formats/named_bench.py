@@ -11,6 +11,7 @@ import numpy as np
 from truing.arrays import Array
 from truing.formats.axis_directions import DIRECTION, direction_of
 from truing.formats.guess import MappingKeys
+from truing.formats.named_temperatures import temperatures_of_positions
 from truing.formats.units import bare_and_unit, conversion, is_convertible
 
 _LOADED = {
@@ -63,6 +64,9 @@ _NO_CONDITION = re.compile(
 _OF_MIRROR = re.compile("[xy]", re.IGNORECASE)  # both angles of an autocollimator's mirror
 _SMALL = ("arcsec", "urad", "mrad")
 _OF_LENGTHS = r"laser|interferometer|lip|lida|lif"  # instruments that mostly measure lengths
+_IN_COUNTS = re.compile(
+    r"[\s_\[(/.-](cnts?|cts|counts?|incr?|increments?|ink|inkremente|ticks?|pulses?)[\])]?$", re.IGNORECASE
+)
 _UNITS_OF_AXES = {"angle": "deg", "length": "mm"}
 _OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis behind a name
 
@@ -145,6 +149,9 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
     columns |= {"cycle": meanings["cycle"]} if "cycle" in meanings else {}
     units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", pair[0])}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
+    warm = temperatures_of_positions(names)
+    columns |= warm["columns"]
+    unit_of_column |= warm.get("units", {})
     words = {raw: word for raw, word in renames.items() if raw != word}
     mapping: MappingKeys = {
         "columns": columns,
@@ -333,6 +340,11 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
     ]  # from command and measured place: no condition on which an error may depend
     mapping |= {"ignore": "|".join(computed)} if computed else {}
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
+
+
+def columns_in_counts(names: Sequence[str]) -> list[str]:
+    """Return the columns of encoders in counts, such as ``motor_cnt`` or ``Load [counts]``."""
+    return [name for name in names if _IN_COUNTS.search(name.strip())]
 
 
 def is_over_angle(names: Sequence[str]) -> bool:

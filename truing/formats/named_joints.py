@@ -141,12 +141,24 @@ def _match_by_number(names: Sequence[str], count: int) -> tuple[str, ...] | None
         family = families.setdefault((match["family"].casefold(), match["rest"].casefold()), {})
         family.setdefault(int(match["number"]), name)  # slides have another unit than joints that turn
     for family in families.values():
+        _add_slide(family, names)
         numbers = sorted(family)
         steady = numbers == list(range(numbers[0], numbers[0] + len(numbers))) and numbers[0] in (0, 1)
         size = len(numbers)
         if steady and (size == count or (count == 0 and _FEWEST <= size <= _MOST)):
             return tuple(family[number] for number in numbers)
     return None
+
+
+def _add_slide(family: dict[int, str], names: Sequence[str]) -> None:
+    """Add the column Z, a length, in place of the only number that a family of angles lacks, as of a SCARA robot."""
+    if not family:
+        return
+    missing = set(range(min(family), max(family) + 1)) - set(family)
+    slides = [name for name in names if bare_and_unit(name)[0].strip().casefold() == "z"]
+    is_angle = all(bare_and_unit(name)[1] in ("deg", "rad", "mrad") for name in family.values())
+    if len(missing) == len(slides) == 1 and is_angle and bare_and_unit(slides[0])[1] in ("mm", "m", "in"):
+        family[missing.pop()] = slides[0]
 
 
 def _called_joints(names: Sequence[str]) -> tuple[str, ...] | None:

@@ -40,10 +40,14 @@ from truing.schemas.columns import find_column
 
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _MARKER = re.compile(r"Marker\.(?P<name>.+)\.[^.]*\.Position\.[XYZ](?: \[.*\])?")
-_POLAR = "directions and distances of a total station or theodolite; export the adjusted coordinates X, Y, Z"
-_HORIZONTAL = re.compile(r"hz|ha|h(orizontal)?[ _]?(angle|dir(ection)?|winkel|richtung)|azimuth|bearing|richtung", re.I)
-_VERTICAL = re.compile(r"v|va|v(ertical)?[ _]?(angle|winkel)|zenith([ _]?angle)?|zenitwinkel|elevation", re.I)
-_DISTANCE = re.compile(r"sd|d|s(lope|lant)?[ _]?dist(ance)?|(schr(ä|ae)g)?(strecke|distanz)|range|distance", re.I)
+_POLAR = (
+    "directions and distances of a total station, theodolite or laser tracker; export the adjusted coordinates X, Y, Z"
+)
+_HORIZONTAL = re.compile(
+    r"hz|ha|h(orizontal)?[ _]?(angle|dir(ection)?|winkel|richtung)|az(imuth)?|bearing|richtung", re.I
+)
+_VERTICAL = re.compile(r"v|va|v(ertical)?[ _]?(angle|winkel)|zen(ith)?([ _]?angle)?|zenitwinkel|el(ev(ation)?)?", re.I)
+_DISTANCE = re.compile(r"sd|d|s(lope|lant)?[ _]?dist(ance)?|(schr(ä|ae)g)?(strecke|distanz)|r(ange)?|distance", re.I)
 _OF_COORDINATES = ("points", "targets", "poses", "scans", "surfaces")
 _OF_UNITS = r"units?|einheit|unité"
 _OF_EACH_POSE = ("time_s", "temperature_c")  # columns that tables of coordinates do not have

@@ -10,6 +10,7 @@ from truing.formats.guess import Guess, MappingKeys, OtherWay, wide_template
 from truing.formats.named_bench import (
     Proposal,
     axis_rows,
+    columns_in_counts,
     is_deviation_by_name,
     is_over_angle,
     positions_of_axis,
@@ -18,6 +19,7 @@ from truing.formats.named_bench import (
 )
 from truing.formats.named_joints import configurations_of_joints
 from truing.formats.named_loads import channels_without_loads, load_columns
+from truing.formats.named_temperatures import temperature_columns
 from truing.formats.proposed_loads import proposal_of_loads, with_doubt_on_samples
 from truing.formats.proposed_poses import NamedCells, column_that_counts, doubt_on_computed_poses, proposal_of_joints
 
@@ -71,8 +73,19 @@ def guess_readings(
         notes = [_A_COORDINATE_PER_ROW] if _has_axes_in_rows(cells.rows) else []
         notes += [_CHANNELS_ALONE] if channels_without_loads(names) else []
         notes += [_OVER_ANGLE] if not notes and is_over_angle(names) else []
+        in_counts = columns_in_counts(names)
+        notes += [_in_counts(in_counts)] if in_counts and not notes else []
         notes += [_PIXELS] if sum(_OF_PIXELS.fullmatch(name.strip()) is not None for name in names) == _IN_IMAGE else []
     return Guess(mapping | keys, names, table, tuple(notes))
+
+
+def _in_counts(names: Sequence[str]) -> str:
+    """Return what an entry by hand says of encoders in counts: no file says how far one is."""
+    entry = f'columns = {{ motor_deg = {{ name = "{names[0]}", scale = 0.001, unit = "deg" }}, ... }}'
+    return (
+        f"encoders in counts: {', '.join(names)}. Say how far a count is, and which column is the command, in "
+        f'[files.configurations]: {entry}, with [mechanism] type = "axis" (docs/axis.md)'
+    )
 
 
 def _bench_readings(cells: NamedCells) -> Proposal | None:
@@ -98,16 +111,15 @@ def proposal_of_axis(
     axes: Sequence[Proposal], names: tuple[str, ...], mapping: MappingKeys, meant: Mapping[str, str]
 ) -> Guess:
     """Return the proposal of an axis; of two, in degrees and in millimetres, the first is taken."""
-    more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
+    more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s")}
     numbered = {} if "pose" in more or "pose" in names else {"number_rows": {"pose": 1}}
-    guesses = [
-        Guess(
-            {**mapping, **axis.mapping, "columns": {**more, **axis.mapping["columns"]}, **numbered},
-            *(names, axis.table, (axis.note,)),
-            doubts=axis.doubts,
-        )
-        for axis in axes
-    ]
+    guesses = []
+    for axis in axes:
+        warm = temperature_columns(names, {*more.values(), *axis.mapping["columns"].values()})
+        units = {**axis.mapping.get("units", {}), **warm.get("units", {})}
+        keys = {**mapping, **axis.mapping, "columns": {**more, **axis.mapping["columns"], **warm["columns"]}}
+        keys |= {**({"units": units} if units else {}), **numbered}
+        guesses.append(Guess(keys, names, axis.table, (axis.note,), doubts=axis.doubts))
     if len(guesses) == 1:
         return _with_sign_of_readings(guesses[0])
     taken, alternative = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")

@@ -15,12 +15,13 @@ from truing.inference import search_end
 from truing.inference.accepted_cause import Accepted
 from truing.inference.arrays import Mask
 from truing.inference.cause_forms import CauseForms, fitted_in_turn
-from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real
+from truing.inference.choice import CandidateChoice, choose, chosen_again, confirmed, is_outdone, is_real
 from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter
 from truing.inference.free_course import move_alike
 from truing.inference.model import CauseT
 from truing.inference.onset_search import onset_interval
+from truing.inference.other_shapes import OtherShape, other_shape
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import RIVAL_FACTOR, Round, score_round
 from truing.inference.search import CauseCandidate, Search
@@ -218,7 +219,7 @@ class ForwardSearch(Generic[CauseT]):
     ) -> EndOfSearch[CauseT]:
         """Return the end of the search; adds rounds, causes accepted in turn, and verdicts on those that predict
         worse."""
-        pairs, further, together = True, FurtherCauses[CauseT](), True
+        pairs, further, together, asked_shapes = True, FurtherCauses[CauseT](), True, set[str]()
         while True:
             current, known_worse = rounds[-1], {verdict.cause.id for verdict in worse}
             refused = known_worse | further.unpaid
@@ -226,6 +227,9 @@ class ForwardSearch(Generic[CauseT]):
             next_cause = None if chosen is None else chosen.candidate.cause
             limit = further.limit([step.cause for step in found], current.fitted, next_cause)
             if chosen is None and self._is_restated(found, rounds, kinds, None):
+                continue
+            is_unnamed = chosen is None or not chosen.candidate.cause.catalogued
+            if is_unnamed and self._has_other_shape(found, rounds, kinds, asked_shapes):
                 continue
             if limit is not None or chosen is None:
                 left = chosen or choose(current, known_worse, self.settings.level, pairs=pairs)
@@ -303,6 +307,46 @@ class ForwardSearch(Generic[CauseT]):
         found[:] = restated
         rounds[-1] = self.scored(found[-1].after, kinds, len(rounds) - 1)
         return True
+
+    def _has_other_shape(
+        self, found: list[Accepted[CauseT]], rounds: list[Round[CauseT]], kinds: Sequence[CauseT], asked: set[str]
+    ) -> bool:
+        """Give an accepted cause another shape, alone or with a further cause, if that explains clearly more next to
+        what was found since; return True if one was changed. Each cause is ``asked`` once."""
+        for step in found:
+            if len(found) < 2 or not step.cause.shifts_with_others or step.cause.key in asked:
+                continue
+            asked.add(step.cause.key)
+            others = [other for other in found if other is not step]
+            causes = (*self.given, *(other.cause for other in others))
+            without = self.scored(self.fitter.prepared(causes, rounds[-1].fitted), kinds, len(rounds) - 1)
+            better = other_shape(self.fitter, rounds[-1].fitted, without, step.cause, causes)
+            if better is not None:
+                self._take_up(found, rounds, kinds, without, others, better)
+                return True
+        return False
+
+    def _take_up(
+        self,
+        found: list[Accepted[CauseT]],
+        rounds: list[Round[CauseT]],
+        kinds: Sequence[CauseT],
+        without: Round[CauseT],
+        others: Sequence[Accepted[CauseT]],
+        better: OtherShape[CauseT],
+    ) -> None:
+        """Accept another shape after the ``others``, and a further cause if it has one."""
+        kept = fitted_in_turn(self.fitter, self.given, others, found[0].before)
+        rounds[-1] = without
+        for tried in better.candidates:
+            current = rounds[-1]
+            candidate = next(c for c in current.candidates if c.key == tried.key)
+            chosen = chosen_again(current, candidate, set(), self.settings.level)
+            after = self.fitter.prepared((*current.fitted.causes, candidate.cause.refined()), current.fitted)
+            accepted = self.accepted(chosen, candidate.cause.refined(), current, after)
+            kept.append(accepted.light(self._closed(rounds)))
+            rounds.append(self.scored(after, kinds, len(rounds)))
+        found[:] = kept
 
     def _together(
         self,

@@ -90,6 +90,10 @@ class CauseLike(Protocol):
         """True if the machine sets its shape, so that it was not searched among many."""
 
     @property
+    def shifts_with_others(self) -> bool:
+        """True if its best shape, such as a period, may be another one next to other causes."""
+
+    @property
     def has_known_scale(self) -> bool:
         """True if its parameters are properties of materials, hardly larger than their plausible scales."""
 

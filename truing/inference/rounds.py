@@ -225,7 +225,7 @@ class Round(Generic[CauseT]):
         if len(self.candidates) < 2 or self.search is None:
             return None
         tried = self._paired
-        odds = {(i, j): self._pair_evidence(self.search.pathways, tried[i], tried[j]) for i, j in _index_pairs(tried)}
+        odds = {(i, j): self.pair_evidence(self.search.pathways, tried[i], tried[j]) for i, j in _index_pairs(tried)}
         least = max((self.posterior(candidate) for candidate in tried), default=0.0) + np.log(RIVAL_FACTOR)
         for best in sorted(
             odds, key=lambda pair: odds[pair] - NAME_LOG_ODDS * _unnamed(tried[i] for i in pair), reverse=True
@@ -261,7 +261,7 @@ class Round(Generic[CauseT]):
             assert self.search is not None
             pathways = self.search.pathways
             others = [c for c in self._unnamed_best if c is not form and c.cause.subject == form.cause.subject]
-            beside = [self._pair_evidence(pathways, form, c) for c in (*self._higher_order_candidates(form), *others)]
+            beside = [self.pair_evidence(pathways, form, c) for c in (*self._higher_order_candidates(form), *others)]
             self._rests[form.key] = max([self.posterior(form), *beside])
         return self._rests[form.key]
 
@@ -365,7 +365,8 @@ class Round(Generic[CauseT]):
                 taken.append(candidate)
         return taken[:_PAIRED]
 
-    def _pair_evidence(self, pathways: Pathways, *pair: CauseCandidate[CauseT]) -> float:
+    def pair_evidence(self, pathways: Pathways, *pair: CauseCandidate[CauseT]) -> float:
+        """Return the log odds of two candidates together against the model without them."""
         strengths, loadings = joint(pathways, pair[0].signature, pair[1].signature)
         raw = np.concatenate([raw_scores(c.signature, self._score(c)) for c in pair])
         along = (raw @ loadings) / strengths

@@ -106,6 +106,9 @@ _REASONS = {
     "hardly-moved": "were not compared: the machine hardly moved",
     "no-masses": "were not compared: no masses are declared, or the chain is shorter than 0.2 m",
     "heavy-payload": "are unusual: the payload is heavier than all links together, and few arms carry so much",
+    "centre-behind": "are unusual: the centre of mass lies behind the joint by more than a quarter of the link's "
+    "length. com_mm counts from the joint (of a row: before its d, a and alpha); one that counts from the end of the "
+    "row looks like this",
     "no-readings": "were not compared: the campaign has no actuator readings",
     "no-mechanism": "were not compared: no [mechanism] relates them",
     "no-survey": "were not compared: no survey says where the frames of base and platform lie",

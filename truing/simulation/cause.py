@@ -211,6 +211,11 @@ class Cause(Generic[SceneT_contra]):
         return False
 
     @property
+    def shifts_with_others(self) -> bool:
+        """True if its best shape, such as a period, may be another one next to other causes."""
+        return False
+
+    @property
     def is_persistent(self) -> bool:
         """True if the effect stays with the machine; False if it depends on the time or the targets of one campaign."""
         return True

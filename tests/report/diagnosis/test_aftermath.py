@@ -13,6 +13,7 @@ from tests.report import diagnosis_tables as made
 from tests.report.diagnosis_parts import part_of, state_of, text_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
 from tests.sentences import assert_says
+from truing.belonging.relation import RelationState
 from truing.report.diagnosis.pulls import changes, pulls, pulls_verdict
 from truing.report.page import PageHead
 from truing.report.page_head import build_head
@@ -61,6 +62,20 @@ def test_one_wrong_number_of_the_description_is_named_with_its_size():
     of_leg = pulls_verdict(_with_far_numbers((2, "b_x", -40.0, -10.0), (2, "a_x", 30.0, 9.0)), {})
     assert of_leg is not None
     assert_says(of_leg.explanation, "nearly all pulls are of leg 2")
+
+
+def test_one_wrong_number_is_named_where_the_sum_of_all_pulls_hides_it():
+    tables = _with_far_numbers((3, "l", 5.2, 0.434)) | {"pull_sums": made.pull_sums(28.0).assign(p_value=0.6)}
+    found = pulls_verdict(tables, {})
+    assert found is not None
+    assert found.state is RelationState.FAILS
+    assert_says(found.explanation, "one number is farther", "corrected for")
+    assert_says(found.explanation, "Did you mean", "l of leg 3 larger by 0.434 ± 0.083 mm")
+    assert_says(part_of("pulls", tables).lead, "one number is farther")
+    within = _with_far_numbers((3, "l", 2.8, 0.2)) | {"pull_sums": made.pull_sums(28.0).assign(p_value=0.6)}
+    of_chance = pulls_verdict(within, {})
+    assert of_chance is not None, "one of dozens of numbers beyond 2.8 sigma is chance"
+    assert of_chance.state is RelationState.OK
 
 
 def test_pulls_of_parameters_that_the_data_do_not_determine_are_left_out():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -55,3 +56,22 @@ def test_noise_is_compared_with_errors_only_where_it_is_declared(diagnosed: tupl
 
 def test_the_running_number_of_the_rows_is_no_input(diagnosed: tuple[bool, pd.DataFrame]) -> None:
     assert "number" not in " ".join(diagnosed[1]["follows"].fillna("")).split()
+
+
+def test_undeclared_noise_is_estimated_next_to_the_causes_found(tmp_path: Path) -> None:
+    """The scatter about the plain model holds the effect itself: by it, sigma would be 30 times larger."""
+    rng = np.random.default_rng(5)
+    loads = rng.uniform(-1.0, 1.0, (60, 6))
+    signals = loads @ rng.normal(0.0, 100.0, (6, 6))
+    signals[:, 1] += 1e-3 * signals[:, 1] ** 2
+    signals += rng.normal(0.0, 0.1, signals.shape)
+    table = pd.DataFrame(loads, columns=LOADS).assign(run="1", step=range(1, 61))
+    table = table.assign(**{f"v{k + 1}_mv": signals[:, k] for k in range(6)})
+    table.to_csv(tmp_path / "signals.csv", index=False)
+    (tmp_path / "campaign.toml").write_text(TOML.format(noise=""))
+    rows = run_line(tmp_path, "ingest", "diagnose")[0]["diagnosis"].to_pandas()
+    (found,) = rows[rows["verdict"] == "found"].itertuples()
+    assert (found.cause, found.subject) == ("signal-nonlinear", "signal v2")
+    quadratic = json.loads(found.parameters)["quadratic"]
+    assert quadratic["sigma"] < 3e-6
+    assert abs(quadratic["value"] - 1e-3) < 4.0 * quadratic["sigma"]

@@ -108,5 +108,13 @@ def test_times_in_another_unit_are_reported(unit, start):
     assert found.unit == unit
 
 
+@pytest.mark.parametrize(("pace_s", "hours"), [(90.0, 25), (36.0, 10)])
+def test_an_even_pace_of_whole_hours_that_is_no_daily_one_is_in_milliseconds(pace_s: float, hours: int) -> None:
+    found = mistaken_times(pace_s / SECONDS_PER_UNIT["ms"] * np.arange(40.0))
+    assert found is not None, f"every {hours} hours, day and night"
+    assert found.unit == "ms"
+    assert mistaken_times(3600.0 * 6.0 * np.arange(40.0)) is None, "four times a day"
+
+
 def test_minutes_at_a_pace_of_seconds_are_not_reported():
     assert mistaken_times(np.cumsum(np.random.default_rng(4).uniform(150.0, 400.0, 40)) / 60.0) is None

@@ -34,3 +34,13 @@ def test_the_pose_is_named_from_which_gross_errors_stay() -> None:
 def test_gross_errors_that_come_and_go_name_no_pose(share: float) -> None:
     gross = np.random.default_rng(4).random((POSES, TARGETS)) < share
     assert "moved or replaced" not in _message(gross)
+
+
+def test_many_gross_errors_of_whole_poses_are_told_as_noisier_poses() -> None:
+    gross = np.zeros((POSES, TARGETS), bool)
+    gross[3::5] = True
+    gross[0, 1] = True
+    assert_says(_message(gross), "25 of 120 readings are as far off as gross errors", "8 of 40 poses", "may be noisier")
+    single = np.zeros((POSES, TARGETS), bool)
+    single[np.arange(25), np.arange(25) % TARGETS] = True
+    assert_says(_message(single[np.random.default_rng(2).permutation(POSES)]), "25 of 120 readings are gross errors")

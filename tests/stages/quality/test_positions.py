@@ -185,6 +185,13 @@ def test_good_runs_of_every_size_are_silent():
     assert reported == []
 
 
+def test_deviations_smaller_than_light_tells_in_air_are_likely_in_another_unit():
+    rows = [[target, way, cycle, target + 4e-4 * (at - target)] for target, way, cycle, at in approaches()]
+    verdict, said = verdicts(rows)["positions-against-targets"]
+    assert verdict == "warn"
+    assert_says(said, "wavelength of light", "did you mean mm")
+
+
 def test_a_reading_coarser_than_the_axis_gives_no_repeatability():
     rows = approaches(scatter_um=0.001)
     assert verdicts(rows)["copied-approaches"][0] == "fail"

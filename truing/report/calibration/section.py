@@ -303,7 +303,7 @@ def _tests_of_chosen(tables: Tables) -> list[ModelTest]:
             none or "The fit has no degrees of freedom left.",
         ),
         by_p(
-            "parts are within their tolerances (pulls)",
+            "parts together are within their tolerances (pulls)",
             p("pull_p_value"),
             _UNLIKELY,
             ("Tolerances explain the geometry.", "Tolerances are too small, or a cause is missing."),

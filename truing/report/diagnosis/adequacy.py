@@ -259,7 +259,8 @@ def shortcoming_words(worst: Row, noise: str) -> str:
         return f"mean errors of repeated measurements exceed what their scatter explains (F = {rough(worst.value)})"
     if worst.test == "by-region":
         return f"mean residuals differ between regions of {_column_words(worst)} (F = {rough(worst.value)})"
-    return f"the {_LOOKED_FOR[worst.test]} is {rough(worst.value)} times {noise}"
+    of_what = _LOOKED_FOR[worst.test].removeprefix("noise ")
+    return f"residuals {of_what} are {rough(worst.value)} times {noise}, by larger noise or an effect that is missing"
 
 
 def _limit_words(row: Row) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -30,6 +31,7 @@ _BAND = 1.96
 _AS_LIKELY = 10.0  # difference of squared pulls up to which two numbers explain the rest as well: odds of 150 to 1
 _NEARLY_ALL = 0.8  # share of the squares of all pulls
 _UNLIKELY = 1e-3  # p-value below which pulls fail
+_FAR = 0.01  # p-value, corrected for all numbers, below which a single one is off
 _LOOK = ((ORANGE, "circle-open", -0.16), (BLUE, "circle", 0.16))
 # Most kinds of parameter on the axis; K has a kind per column.
 _KINDS = 40
@@ -58,7 +60,7 @@ def pulls(tables: Tables) -> ReportSection | None:
     return ReportSection(
         "pulls",
         title,
-        _opening_sentences(sums, parts),
+        _opening_sentences(sums, parts, table),
         ((figure, words),),
         (_summary_listing(sums), _pull_listing(rows)),
     )
@@ -76,16 +78,53 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
     known = table is not None and bool(table["identifiable"].any())
     sums = _sums(tables) if known else {}
     if not sums:
-        why = _opening_sentences(sums, parts) if known else _unknown(parts)
+        why = _opening_sentences(sums, parts, table) if known else _unknown(parts)
         return SectionVerdict("pulls", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Pulls not tested: {why}")
     last = _final_sums(sums)
     size, limit = (_rms(chi_square, last.freedom) for chi_square in (last.chi_square, last.upper))
     text = f"Pulls of the {parts.built}: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
-    text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_one_number(table, last) or _verdict(last, parts)}"
+    text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_one_number(table, last) or _verdict(last, parts, table)}"
     if last.chi_square <= last.upper:
+        if (far := _far_number(table)) is not None:
+            state = RelationState.FAILS if far.p_value < _UNLIKELY else RelationState.ATTENTION
+            return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, far.pull, "1", far.limit)
         return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, text, size, "1", limit)
     state = RelationState.FAILS if last.p_value < _UNLIKELY else RelationState.ATTENTION
     return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, size, "1", limit)
+
+
+@dataclass(frozen=True)
+class _FarNumber:
+    """The number whose error alone takes most from the squares of all pulls, with numbers that take nearly as much.
+
+    ``p_value``: of as large an error, corrected for all ``tried`` numbers; ``limit``: pull that is significant.
+    """
+
+    rows: tuple[Row, ...]
+    tried: int
+    p_value: float
+    pull: float
+    limit: float
+
+
+def _far_number(table: pd.DataFrame | None) -> _FarNumber | None:
+    """Return the number that is off by more than its tolerance allows; None where none is. The sum of all squares
+    shows one among dozens of good ones only if it is far larger."""
+    from scipy.special import chdtrc, chdtri
+
+    if table is None or "offset_after" not in table:
+        return None
+    informed = table[table["offset_after"].notna()].sort_values("explained_after", ascending=False)
+    if not len(informed):
+        return None
+    first, *candidates = informed.itertuples()
+    p_of_one = min(1.0, len(informed) * float(chdtrc(1, first.explained_after)))
+    if p_of_one >= _FAR:
+        return None
+    near = [candidate for candidate in candidates if first.explained_after - candidate.explained_after < _AS_LIKELY]
+    limit = math.sqrt(float(chdtri(1, _FAR / len(informed))))
+    pull = math.sqrt(first.explained_after)
+    return _FarNumber((first, *near[:_NAMED]), len(informed), p_of_one, pull, limit)
 
 
 def _one_number(table: pd.DataFrame | None, last: Row) -> str:
@@ -105,8 +144,13 @@ def _one_number(table: pd.DataFrame | None, last: Row) -> str:
     near = [candidate for candidate in candidates if first.explained_after - candidate.explained_after < _AS_LIKELY][
         :_NAMED
     ]
-    meant, *also = [_other_by(candidate) for candidate in (first, *near)]
-    text = f"The description does not fit the machine: one wrong number explains it. Did you mean {meant}?"
+    return f"The description does not fit the machine: one wrong number explains it. {_meant((first, *near))}"
+
+
+def _meant(rows: Sequence[Row]) -> str:
+    """Return the question whether the first number has another value, with those that are as likely."""
+    meant, *also = map(_other_by, rows)
+    text = f"Did you mean {meant}?"
     return f"{text} Equally likely: {'; or '.join(also)}." if also else text
 
 
@@ -150,7 +194,7 @@ def _final_sums(sums: Mapping[str, Row]) -> Row:
     return sums[_AFTER] if _AFTER in sums else next(iter(sums.values()))
 
 
-def _opening_sentences(sums: Mapping[str, Row], parts: PartNames) -> str:
+def _opening_sentences(sums: Mapping[str, Row], parts: PartNames, table: pd.DataFrame | None) -> str:
     if not sums:
         return "The sum of all pulls could not be tested: see each of them."
     last = _final_sums(sums)
@@ -159,13 +203,16 @@ def _opening_sentences(sums: Mapping[str, Row], parts: PartNames) -> str:
     size = _rms(last.chi_square, last.freedom)
     if _BEFORE in sums and _AFTER in sums:
         was = rough(_rms(sums[_BEFORE].chi_square, sums[_BEFORE].freedom))
-        return f"Rms pull: {was} without the causes, {rough(size)} with them. {band}. {_verdict(last, parts)}"
-    return f"Rms pull: {rough(size)}. {band}. {_verdict(last, parts)}"
+        return f"Rms pull: {was} without the causes, {rough(size)} with them. {band}. {_verdict(last, parts, table)}"
+    return f"Rms pull: {rough(size)}. {band}. {_verdict(last, parts, table)}"
 
 
-def _verdict(row: Row, parts: PartNames) -> str:
+def _verdict(row: Row, parts: PartNames, table: pd.DataFrame | None) -> str:
     if row.chi_square > row.upper:
         return "Parts are farther from nominal than tolerances allow: tolerances are too small, or a cause is missing."
+    if (far := _far_number(table)) is not None:
+        text = "The description does not fit the machine: one number is farther from nominal than its tolerance allows "
+        return text + f"(p {p_equals(far.p_value)}, corrected for {far.tried} numbers). {_meant(far.rows)}"
     if row.chi_square < row.lower:
         return "Parts are closer to nominal than tolerances suggest: tolerances may be too large."
     return parts.as_built

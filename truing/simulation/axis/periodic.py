@@ -56,6 +56,11 @@ class AxisPeriodicError(ElementCause):
         """True for a period of the turn, or a declared one."""
         return self.frequency_sigma == 0.0
 
+    @property
+    def shifts_with_others(self) -> bool:
+        """True for a searched period: at few commands, waves of many periods pass for what else is missing."""
+        return not self.has_set_shape
+
     def candidates(self, scene: AxisScene) -> Sequence[AxisPeriodicError]:
         """Return every observable element at the declared period, or at each period that the commands distinguish."""
         with_axis = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)

@@ -399,6 +399,7 @@ def test_a_zero_that_was_named_before_the_search_stays_only_with_a_significant_s
         (BaseJump(from_pose=30, from_order=30.0), [1e-4, 0, 5e-5, 0, 1e-4, 0]),
         (JointJump(from_pose=30, from_order=30.0, joint="j2"), [3e-4]),
         (ToolJump(from_pose=30, from_order=30.0, link="tip"), [2e-4, 0, -2e-4, 1e-3, 0, 0]),
+        (ToolJump(from_pose=30, from_order=30.0, link="tip"), [3e-3, -2e-3, 2.5e-2, 0, 0, 0]),  # another tool
     ],
     ids=lambda value: value.id if isinstance(value, ChainCause) else "",
 )

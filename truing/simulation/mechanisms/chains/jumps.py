@@ -21,6 +21,9 @@ from truing.simulation.mechanisms.chains.causes import (
 )
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
+# Plausible sizes of a tool's displacement, in that of a knock (0.1 mm): another tool is 10 mm longer, or more.
+_SCALES = (1.0, 100.0)
+
 
 @dataclass(frozen=True)
 class ShiftFromPose(ChainCause):
@@ -73,9 +76,13 @@ class BaseJump(ShiftFromPose):
 
 @dataclass(frozen=True)
 class ToolJump(ShiftFromPose):
-    """A measured link that carries no other one is displaced from some pose on, with all that is measured on it."""
+    """A measured link that carries no other one is displaced from some pose on, with all that is measured on it.
+
+    ``scale``: plausible size, in that of a knock.
+    """
 
     link: str = ""
+    scale: float = 1.0
 
     id = "tool-jump"
     step = Step.STRUCTURE
@@ -95,12 +102,13 @@ class ToolJump(ShiftFromPose):
             is_outer = above[nodes, node].sum() == (nodes == node).sum() and machine.tree.nodes[node].parent >= 0
             if is_outer and (nodes == node).sum() > 1:
                 jump = replace(self, link=machine.tree.nodes[node].link)
-                found += [replace(jump, from_pose=pose, from_order=order) for pose, order in onsets]
+                sized = [replace(jump, scale=scale) for scale in _SCALES]
+                found += [replace(one, from_pose=pose, from_order=order) for one in sized for pose, order in onsets]
         return found
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the motion, in the frame of the link."""
-        return MOTION
+        return tuple(replace(parameter, scale=self.scale * parameter.scale) for parameter in MOTION)
 
     def twists(self, machine: ChainInputs) -> NDArray:
         """Return the motion, from the pose on."""
