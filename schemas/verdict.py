@@ -110,7 +110,8 @@ _MEANING = {
     ReasonCode.EPOCHS_DEVIATE: "the model fits as a whole, but single poses deviate beyond chance; value: rms error "
     "over noise floor",
     ReasonCode.WITHIN_TOLERANCE: "the pulls as a whole are consistent with tolerances; value: rms pull",
-    ReasonCode.BEYOND_TOLERANCE: "the pulls as a whole exceed tolerances; value: rms pull",
+    ReasonCode.BEYOND_TOLERANCE: "the pulls as a whole exceed tolerances (value: rms pull), or those of a single "
+    "number do (value: its pull)",
     ReasonCode.FITS: "the chosen calibration passes its tests; value: misfit over noise",
     ReasonCode.MISFIT: "the chosen calibration does not fit its own data; value: misfit over noise",
     ReasonCode.CAUSE_LEFT_OUT: "the chosen calibration does not fit: it leaves out a cause that the diagnosis found",

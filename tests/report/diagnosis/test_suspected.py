@@ -355,4 +355,6 @@ def test_of_dependences_that_the_findings_explain_two_are_stated_and_the_others_
 def test_residuals_beyond_the_declared_noise_are_not_said_to_be_noise() -> None:
     tests = adequacy(("observation-noise", "", 2.5, 1e-9, "fails"))
     lead = part_of("adequacy", diagnosis_tables() | {"adequacy": tests}).lead
-    assert_says(lead, "residuals of the measurements are 2.5 times the declared noise", "larger noise or an effect")
+    assert_says(
+        lead, "residuals of the measurements are 2.5 times the declared noise", "larger noise, or a missing effect"
+    )

@@ -260,7 +260,7 @@ def shortcoming_words(worst: Row, noise: str) -> str:
     if worst.test == "by-region":
         return f"mean residuals differ between regions of {_column_words(worst)} (F = {rough(worst.value)})"
     of_what = _LOOKED_FOR[worst.test].removeprefix("noise ")
-    return f"residuals {of_what} are {rough(worst.value)} times {noise}, by larger noise or an effect that is missing"
+    return f"residuals {of_what} are {rough(worst.value)} times {noise} (larger noise, or a missing effect)"
 
 
 def _limit_words(row: Row) -> str:
