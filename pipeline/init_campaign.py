@@ -112,24 +112,8 @@ def init_campaign(
     )
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
-    guesses = without_commanded_poses(guesses)
-    guesses = with_measured_apart(folder, with_loads_apart(folder, with_loads_once(folder, guesses)))
+    guesses = _read_together(folder, guesses, robot)
     all_answers = Answers(given) if ask is None else Answers(given, ask)
-    guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
-    guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
-    guesses = with_log_at_times(folder, guesses, robot)
-    guesses = with_poses_by_time(folder, with_poses_in_order(folder, with_stations(folder, guesses)))
-    guesses = with_poses_of_names(folder, guesses)
-    guesses = with_survey(folder, guesses)
-    guesses = [(group, changed) for (group, _), changed in zip(guesses, with_reflector(guesses, robot), strict=True)]
-    guesses = [
-        (group, changed) for (group, _), changed in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)
-    ]
-    guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
-    guesses = with_prefixed_survey(folder, guesses)
-    guesses = [(group, changed) for (group, _), changed in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
-    named = with_bodies_of_legs([guess for _, guess in guesses])
-    guesses = [(group, changed) for (group, _), changed in zip(guesses, named, strict=True)]
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
     guesses, runs = with_runs_apart(folder, guesses)
@@ -152,6 +136,27 @@ def init_campaign(
     if all_answers.used:
         console.line(f"the same answers again: {all_answers.command(folder, every_key=every_key)}")
     return ExitCode.DONE
+
+
+def _read_together(folder: Path, guesses: list[_File], robot: Robot | None) -> list[_File]:
+    """Return the guesses of files as their names, the other files and the robot's description complete them."""
+    guesses = without_commanded_poses(guesses)
+    guesses = with_measured_apart(folder, with_loads_apart(folder, with_loads_once(folder, guesses)))
+    guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
+    guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
+    guesses = with_log_at_times(folder, guesses, robot)
+    guesses = with_poses_by_time(folder, with_poses_in_order(folder, with_stations(folder, guesses)))
+    guesses = with_poses_of_names(folder, guesses)
+    guesses = with_survey(folder, guesses)
+    guesses = [(group, changed) for (group, _), changed in zip(guesses, with_reflector(guesses, robot), strict=True)]
+    guesses = [
+        (group, changed) for (group, _), changed in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)
+    ]
+    guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
+    guesses = with_prefixed_survey(folder, guesses)
+    guesses = [(group, changed) for (group, _), changed in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
+    named = with_bodies_of_legs([guess for _, guess in guesses])
+    return [(group, changed) for (group, _), changed in zip(guesses, named, strict=True)]
 
 
 def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunConsole) -> list[_File]:

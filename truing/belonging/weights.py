@@ -71,7 +71,7 @@ def relate_weights(weights: Weights) -> RelationTest:
 
 
 def _farthest_behind(weights: Weights) -> tuple[float, str]:
-    """Return how far the centre of mass of a long link lies behind its joint, over its length, and the link: (0, empty)
+    """Return the distance of a long link's centre of mass behind its joint, over its length, and the link: (0, empty)
     without one. So it looks where centres are declared in the frame at the end of a row."""
     if weights.ends is None:
         return 0.0, ""

@@ -80,7 +80,7 @@ def guess_readings(
 
 
 def _in_counts(names: Sequence[str]) -> str:
-    """Return what an entry by hand says of encoders in counts: no file says how far one is."""
+    """Return the entry to write by hand for encoders in counts: no file states the size of a count."""
     entry = f'columns = {{ motor_deg = {{ name = "{names[0]}", scale = 0.001, unit = "deg" }}, ... }}'
     return (
         f"encoders in counts: {', '.join(names)}. Say how far a count is, and which column is the command, in "

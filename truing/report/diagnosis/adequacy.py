@@ -42,6 +42,7 @@ _LOOKED_FOR = {
     "by-region": "mean residual of a region",
     CAUSES_LEFT: "further causes",
 }
+_RESIDUALS = {"observation-noise": "residuals of the measurements", "input-noise": "residuals of the inputs"}
 _WHY_ENDED = {
     "most-causes": "because no further cause is known to improve the prediction of held-out measurements",
     "time": "because a search for further causes would take too long",
@@ -259,8 +260,7 @@ def shortcoming_words(worst: Row, noise: str) -> str:
         return f"mean errors of repeated measurements exceed what their scatter explains (F = {rough(worst.value)})"
     if worst.test == "by-region":
         return f"mean residuals differ between regions of {_column_words(worst)} (F = {rough(worst.value)})"
-    of_what = _LOOKED_FOR[worst.test].removeprefix("noise ")
-    return f"residuals {of_what} are {rough(worst.value)} times {noise} (larger noise, or a missing effect)"
+    return f"{_RESIDUALS[worst.test]} are {rough(worst.value)} times {noise} (larger noise, or a missing effect)"
 
 
 def _limit_words(row: Row) -> str:
