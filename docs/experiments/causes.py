@@ -25,6 +25,7 @@ from truing.inference.observations import Observations, whitened_columns
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.bodies.causes.gravity import GravitySag
+from truing.simulation.bodies.causes.jump import BodyJump
 from truing.simulation.catalogue import OWN_CAUSES, catalogue
 from truing.simulation.cause import Cause, Step
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
@@ -48,12 +49,15 @@ EXAMPLES: dict[str, Cause] = {
         "B", _MARKS, _CORNERS, terms=("temperature_c",), columns=("temperature_c",), zeros=(20.0,), ranges=(5.0,)
     ),
     "body-drift": BodyDrift("B", _MARKS, _CORNERS),
+    "body-jump": BodyJump("B", _MARKS, _CORNERS),
     "gravity-sag": GravitySag("B", _MARKS, _CORNERS),
 }
 _FORMS = {"thermal-expansion": {"form": APART}, "measurement-scale": {"form": "both"}}
 # What is compared: single targets and exchanged labels are like nothing else, bodies have no legs, a scatter has no
-# mean, and nothing tells what the sample campaign's legs carry, which stood still.
+# mean, sudden shifts have any onset, and nothing tells what the sample campaign's legs carry, which stood still.
 _ALONE = (
+    "actuator-zero-shift",
+    "body-jump",
     "leg-compliance",
     "reading-lag",
     "target-moved",

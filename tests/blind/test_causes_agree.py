@@ -27,6 +27,7 @@ from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.telescope import PUBLISHED_K
 from tests.tolerance import assert_between
 from truing.simulation.bodies.causes.gravity import GravitySag
+from truing.simulation.bodies.causes.jump import BodyJump
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
@@ -39,6 +40,7 @@ from truing.simulation.mechanisms.causes.deformation import (
 from truing.simulation.mechanisms.causes.leg_compliance import LegCompliance
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.warmth import APART, LegThermal, ThermalExpansion
+from truing.simulation.mechanisms.causes.zero_shift import ActuatorZeroShift
 
 ONE, SOME = np.ones(6), np.array([0.0, 1.0, 0.0, 0.0, -1.0, 0.0])
 # What is hidden; the cause, where it needs the campaign's times from start and duration in s; values in SI.
@@ -101,6 +103,34 @@ CASES: dict[str, tuple[hidden.Effect, Callable[[float, float], Cause], Any]] = {
 def test_an_effect_moves_all_targets_alike(name: str, machine: Callable[[list[hidden.Effect]], Campaign]) -> None:
     effect, make, values = CASES[name]
     assert_alike(machine([effect]), make, np.asarray(values))
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
+def test_an_actuators_zero_shifts_alike(machine: Callable[[list[hidden.Effect]], Campaign]) -> None:
+    """Poses count from their place in time."""
+    schedule = machine([]).schedule
+    pose = schedule.pose[int(np.argsort(schedule.time_s)[len(schedule.pose) // 2])]
+    rank = float(schedule.rank[schedule.pose.index(pose)])
+    one, all_of_them = np.where(np.arange(6) == 3, -0.02, 0.0), np.linspace(-0.025, 0.025, 6)
+    for amount, legs in ((one, (4,)), (all_of_them, ())):
+        campaign = machine([hidden.ActuatorZeroShift(amount, pose)])
+        assert_alike(campaign, lambda *_, legs=legs: ActuatorZeroShift(legs, pose, rank), amount[amount != 0] / 1e3)
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
+@pytest.mark.parametrize("body", ["platform", "base"])
+def test_all_targets_of_a_body_are_displaced_alike(
+    body: str, machine: Callable[[list[hidden.Effect]], Campaign]
+) -> None:
+    plain = machine([])
+    pose = plain.schedule.pose[int(np.argsort(plain.schedule.time_s)[len(plain.schedule.pose) // 2])]
+    rank = float(plain.schedule.rank[plain.schedule.pose.index(pose)])
+    own = list(plain.marks.of(body))
+    names, places = tuple(plain.marks.name[k] for k in own), plain.surveyed[own] / 1e3
+    shift, turn = (0.02, -0.03, 0.01), (1e-5, 2e-5, -3e-5)
+    cause = BodyJump(body, names, tuple(places.ravel()), from_pose=pose, from_order=rank)
+    campaign = machine([hidden.BodyJump(body, shift, turn, pose)])
+    assert_alike(campaign, lambda *_: cause, np.array([*(1e-3 * np.array(shift)), *turn]))
 
 
 UP, CENTRE = np.array([0.28, 0.0, 0.96]), np.array([12.0, -7.0, 60.0])

@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.effects import (
+    ActuatorZeroShift,
     ApproachScatter,
     Effect,
     GravitySag,
@@ -34,8 +36,10 @@ Row = dict[str, Any]
 SURE = 4.0  # sigmas that a fixed seed may be off
 
 
-def found_in(home: Path, effects: list[Effect], seed: int, poses: int = 30, shuffled: bool = True) -> list[Row]:
-    """The rows of what is found in a small campaign, with their parameters read."""
+def tables_of(
+    home: Path, effects: list[Effect], seed: int, poses: int = 30, shuffled: bool = True
+) -> dict[str, pa.Table]:
+    """The tables of a small campaign as far as its diagnosis."""
     rng = np.random.default_rng(seed)
     layout = Layout(
         name="small",
@@ -44,7 +48,12 @@ def found_in(home: Path, effects: list[Effect], seed: int, poses: int = 30, shuf
         surroundings=Surroundings(temperature_step_c=0.4, shuffled=shuffled),
     )
     campaign = draw_campaign(layout, [at_rest(), *even_moves(poses, 6, rng)], effects, rng)
-    tables, _ = run_line(write_campaign(campaign, home / "campaign", seed), "ingest", "pose", "diagnose")
+    return run_line(write_campaign(campaign, home / "campaign", seed), "ingest", "pose", "diagnose")[0]
+
+
+def found_in(home: Path, effects: list[Effect], seed: int, poses: int = 30, shuffled: bool = True) -> list[Row]:
+    """The rows of what is found in a small campaign, with their parameters read."""
+    tables = tables_of(home, effects, seed, poses, shuffled)
     rows = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "found"]
     return [{**row, "parameters": json.loads(row["parameters"])} for row in rows]
 
@@ -116,6 +125,30 @@ def test_noise_that_grows_for_a_while_is_named_and_follows_no_column(tmp_path: P
 def test_nothing_is_found_where_actuators_land_as_they_should(tmp_path: Path) -> None:
     for seed in (73, 74):
         assert found_in(tmp_path / str(seed), [], seed) == []
+
+
+@pytest.mark.parametrize(
+    ("amount", "subject"),
+    [((0, 0, -0.06, 0, 0, 0), "leg3"), ((0.02, -0.04, 0.06, 0.08, -0.1, 0.12), "")],
+    ids=["one", "all, by a reference run"],
+)
+def test_actuators_whose_zeros_shift_are_named_with_their_onset(
+    amount: tuple[float, ...], subject: str, tmp_path: Path
+) -> None:
+    effect = ActuatorZeroShift(np.array(amount), from_pose=17)
+    (row,) = found_in(tmp_path, [effect], 76, poses=34, shuffled=False)
+    assert (row["cause"], row["subject"]) == ("actuator-zero-shift", subject)
+    assert json.loads(row["settings"])["from_pose"] == 17
+    assert_true(row, {name: value for name, (value, unit) in effect.parameters().items() if unit})
+
+
+def test_two_shifts_of_one_actuator_are_suspected_as_steps_of_one_course(tmp_path: Path) -> None:
+    one = np.arange(6) == 1
+    steps = [ActuatorZeroShift(0.05 * one, 9), ActuatorZeroShift(-0.08 * one, 21)]
+    tables = tables_of(tmp_path, list(steps), 76, poses=34, shuffled=False)
+    rows = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "suspected"]
+    named = {(row["cause"], row["subject"], json.loads(row["settings"])["from_pose"]) for row in rows}
+    assert named == {("actuator-zero-shift", "leg2", pose) for pose in (9, 21)}
 
 
 def _weighed(home: Path, effects: Callable[[Campaign], Effect], seed: int, layout: Layout) -> list[Row]:

@@ -35,6 +35,7 @@ from truing.simulation.bench.causes.zero_step import ZeroStep
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.bodies.causes.gravity import GravitySag
+from truing.simulation.bodies.causes.jump import BodyJump
 from truing.simulation.cause import Cause, CauseT
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
@@ -53,6 +54,7 @@ from truing.simulation.mechanisms.causes.reading_lag import ReadingLag
 from truing.simulation.mechanisms.causes.scatter import ApproachScatter, NoiseBurst
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
+from truing.simulation.mechanisms.causes.zero_shift import ActuatorZeroShift
 from truing.simulation.mechanisms.chains.base_drift import BaseDrift
 from truing.simulation.mechanisms.chains.causes import (
     ChainCause,
@@ -95,12 +97,14 @@ OWN_CAUSES: tuple[PointCause, ...] = (
     ActuatorGain(),
     ActuatorBacklash(),
     PeriodicError(),
+    ActuatorZeroShift(),
     ReadingLag(),
     MeasurementScale(),
     TargetMoved(),
     TargetsSwapped(),
     BodyDeformation(),
     BodyDrift(),
+    BodyJump(),
     GravitySag(),
     ApproachScatter(),
     NoiseBurst(),

@@ -398,6 +398,22 @@ class LegDrift(PerLeg):
 
 
 @dataclass(frozen=True)
+class ActuatorZeroShift(PerLeg):
+    """From one pose on, actuators are ``amount`` (mm) further than they read."""
+
+    from_pose: int
+    id = "actuator-zero-shift"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {**_per_leg("shift", self.legs, self.amount, "mm"), "from_pose": (self.from_pose, "")}
+
+    def drive(self, drho: Array, setting: Setting) -> Array:
+        rank = setting.schedule.rank
+        late = rank >= rank[setting.schedule.pose.index(self.from_pose)]
+        return drho + late[:, None] * self.amount
+
+
+@dataclass(frozen=True)
 class FlexureShift(Effect):
     """The flexures at both ends of every leg bend as beams instead of turning as ideal joints."""
 
@@ -451,6 +467,39 @@ class TargetMoved(Effect):
         turn = body_poses.turn[late, BODIES.index(self.body)]
         moved = points.copy()
         moved[late, setting.marks.index(self.body, self.target)] += rotate(turn, np.array(self.shift))
+        return moved
+
+
+@dataclass(frozen=True)
+class BodyJump(Effect):
+    """All targets of a body are displaced together, by ``shift`` (mm) and ``turn`` (rad) about their centroid in the
+    body's frame, from the pose ``from_pose`` on in time.
+    """
+
+    body: str
+    shift: tuple[float, float, float]
+    turn: tuple[float, float, float]
+    from_pose: int
+    id = "body-jump"
+
+    @property
+    def subject(self) -> str:
+        return self.body
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        shift = {f"shift_{axis}": (value, "mm") for axis, value in zip("xyz", self.shift, strict=True)}
+        turn = {f"turn_{axis}": (value, "rad") for axis, value in zip("xyz", self.turn, strict=True)}
+        return {**shift, **turn, "from_pose": (self.from_pose, "")}
+
+    def instrument(self, points: Array, body_poses: BodyPoses, setting: Setting) -> Array:
+        rank = setting.schedule.rank
+        late = rank >= rank[setting.schedule.pose.index(self.from_pose)]
+        turned = body_poses.turn[late, BODIES.index(self.body)]
+        own = list(setting.marks.of(self.body))
+        arms = setting.marks.place[own] - setting.marks.place[own].mean(axis=0)
+        moved = points.copy()
+        for k, arm in zip(own, arms, strict=True):
+            moved[late, k] += rotate(turned, np.array(self.shift) + np.cross(np.array(self.turn), arm))
         return moved
 
 

@@ -11,9 +11,11 @@ from tests.blind.generator import foreign, strange
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.effects import (
     ActuatorGain,
+    ActuatorZeroShift,
     ApproachScatter,
     Backlash,
     BaseDeformation,
+    BodyJump,
     Effect,
     FlexureShift,
     GravitySag,
@@ -150,6 +152,16 @@ def _backlash(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     return lambda size: Backlash(size * amount)
 
 
+def _zero_shift(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """One actuator, or all of them by amounts of either sign."""
+    rows, count = _in_time(campaign), campaign.readings.shape[1]
+    pose = campaign.schedule.pose[rows[int(rng.integers(EITHER_SIDE, len(rows) - EITHER_SIDE + 1))]]
+    amount = rng.choice([-1.0, 1.0], count) * rng.uniform(0.3, 1.3, count)
+    if rng.random() < 0.7:
+        amount = np.where(np.arange(count) == rng.integers(count), np.sign(amount), 0.0)
+    return lambda size: ActuatorZeroShift(size * amount, pose)
+
+
 def _periodic(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     amount = np.abs(_legs(campaign, rng))
     pitch = campaign.layout.actuator_pitch_mm or float(rng.uniform(0.25, 0.5) * min(_stroke(campaign), 8.0))
@@ -219,6 +231,16 @@ def _moved(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     return lambda size: TargetMoved(marks.body[k], marks.name[k], tuple((size * way).tolist()), start)
 
 
+def _remounted(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """Platform or base, shifted and turned by as much as its outer targets shift."""
+    body, rows = str(rng.choice(["platform", "base"])), _in_time(campaign)
+    pose = campaign.schedule.pose[rows[int(rng.integers(EITHER_SIDE, len(rows) - EITHER_SIDE + 1))]]
+    places = campaign.marks.place[list(campaign.marks.of(body))]
+    radius = float(np.linalg.norm(places - places.mean(axis=0), axis=1).max())
+    shift, turn = unit(rng.normal(size=3)), unit(rng.normal(size=3)) / radius
+    return lambda size: BodyJump(body, tuple((size * shift).tolist()), tuple((size * turn).tolist()), pose)
+
+
 def _swapped(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     """Of whatever size: how far two targets lie apart is not to be chosen."""
     marks = campaign.marks
@@ -240,6 +262,7 @@ CATALOGUE: Mapping[str, Kind] = {
     "actuator-gain": Kind(_gain),
     "actuator-backlash": Kind(_backlash),
     "actuator-periodic-error": Kind(_periodic, frozenset({"even"})),
+    "actuator-zero-shift": Kind(_zero_shift),
     "approach-scatter": Kind(_landing),
     "noise-burst": Kind(_burst),
     "leg-drift": Kind(_drift),
@@ -249,6 +272,7 @@ CATALOGUE: Mapping[str, Kind] = {
     "flexure-shift": Kind(_flexure, frozenset({"even", "wide"}), ("6-pus",)),
     "measurement-scale": Kind(_scale),
     "target-moved": Kind(_moved),
+    "body-jump": Kind(_remounted),
     "targets-swapped": Kind(_swapped),
 }
 
@@ -342,7 +366,17 @@ STRANGE: Mapping[str, Kind] = {
 FOREIGN: Mapping[str, Kind] = {name: Kind(draw, frozenset({"even"})) for name, draw in foreign.FOREIGN.items()}
 # Those that joined the catalogue after the campaigns of the page were drawn: they are drawn by themselves, so that a
 # seed and a number stay the campaign that the page tells of.
-ADDED = frozenset({"approach-scatter", "noise-burst", "in-plane-deformation", "leg-compliance", "gravity-sag"})
+ADDED = frozenset(
+    {
+        "approach-scatter",
+        "noise-burst",
+        "in-plane-deformation",
+        "leg-compliance",
+        "gravity-sag",
+        "actuator-zero-shift",
+        "body-jump",
+    }
+)
 KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE, **FOREIGN}
 
 BENDING = frozenset(

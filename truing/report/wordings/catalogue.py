@@ -248,10 +248,12 @@ def confirming(claim: Claim, otherwise: str = "") -> Advice:
 # Causes whose clause needs a subject or a column, or is about one of several kinds of subject.
 _MEANINGS = {
     "base-deformation": "the base deforms with a recorded column, such as a temperature",
+    "actuator-zero-shift": "the zero of an actuator shifts from some pose on",
     "leg-compliance": "the legs deflect under the weight that they carry",
     "thermal-expansion": "one or several bodies grow with temperature",
     "noise-burst": "the data scatter more for some time than in the rest of the campaign",
     "body-deformation": "a body deforms with a recorded column",
+    "body-jump": "all targets of a platform or base are displaced together against its joints from some pose on",
     "body-drift": "the shape of a body drifts with time",
     "leg-stiffness": "the stiffness of a leg differs from the simulated one",
     "thermal-drift": "one linear channel, or all, depend on the temperature",

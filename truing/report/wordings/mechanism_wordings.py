@@ -124,6 +124,15 @@ def _gain(claim: Claim) -> str:
     return f"{_actuators(claim)} {does}{by_most(claim, 'gain')}"
 
 
+def _zero_shift(claim: Claim) -> str:
+    size, is_positive = largest_of_kind(claim, "shift")
+    since = claim.since()
+    if not _verb(claim, "one", ""):
+        return f"the zeros of {_actuators(claim)} shift{since}{by_most(claim, 'shift')}"
+    by = f": position = reading {'+' if is_positive else '−'} {size}" if size else ""
+    return f"the zero of {_actuators(claim)} shifts{since}{by}"
+
+
 def _backlash(claim: Claim) -> str:
     sizes = claim.sizes_of("backlash")
     leads = bool(sizes) and all((size.number or 0.0) < 0.0 for size in sizes)
@@ -250,6 +259,12 @@ MECHANISM = {
         _late,
         "Repeat the same path at half the speed, or measure at standstill: only an error by a lag gets smaller.",
     ),
+    "actuator-zero-shift": Wording(
+        "shift of an actuator's zero",
+        _zero_shift,
+        "Move the actuator to its reference mark and compare the mark with its reading; check its coupling, and its "
+        "encoder for lost counts.",
+    ),
     "leg-drift": Wording(
         "leg drift",
         _drift,
@@ -364,6 +379,10 @@ def _drifts(claim: Claim) -> str:
     return with_sizes(f"the shape of {_body(claim)} drifts with {over}", claim)
 
 
+def _jumps(claim: Claim) -> str:
+    return with_sizes(f"all targets of {_body(claim)} are displaced together against its joints{claim.since()}", claim)
+
+
 def _wait(claim: Claim) -> str:
     if claim.since():
         before = f"before pose {claim.fact('from_pose')}"
@@ -418,4 +437,5 @@ BODIES = {
     "targets-swapped": Wording("targets swapped", _swapped, _check_images_advice),
     "body-deformation": Wording("body deformation", _body_deforms, _single_change_advice),
     "body-drift": Wording("body drift", _drifts, _wait),
+    "body-jump": Wording("displaced targets of a body", _jumps, _wait),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.labels.exchanges import Exchange
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.inference.model import ChannelCandidates, Onsets, onsets_in_time
+from truing.inference.model import CauseT, ChannelCandidates, Onsets, onsets_in_time
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import ORDER
@@ -100,12 +100,9 @@ class TargetMoved(PointCause):
 
     def onsets(self, scene: PointScene) -> Onsets[TargetMoved]:
         """Return every pose with some poses before it and from it on."""
-        order = scene.covariates[ORDER]
-
-        def begun_at(pose: int) -> TargetMoved:
-            return replace(self, from_pose=scene.poses[pose], from_order=float(order[pose]))
-
-        return onsets_in_time(order, FEWEST_POSES, _onset_spacing(scene), self.from_order, begun_at)
+        return onsets_of_poses(
+            scene, self.from_order, lambda pose, order: replace(self, from_pose=pose, from_order=order)
+        )
 
     def of_corners(self, corners: Sequence[str], positions: NDArray) -> TargetMoved:
         """Return the cause for the marker with these corners at positions (n, 3) on the body, m."""
@@ -157,6 +154,26 @@ class TargetMoved(PointCause):
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the shift, and the first displaced pose."""
         return (*super().reported(values, covariance, legs), ReportedParameter("from_pose", self.from_pose, None, ""))
+
+
+def onset_poses(scene: PointScene) -> list[int]:
+    """Return the poses from which something may have changed, in order of time: every one, or every few of a long
+    campaign, with some poses before it and from it on."""
+    in_time = np.argsort(scene.covariates[ORDER], kind="stable")
+    return [int(pose) for pose in in_time[FEWEST_POSES : len(in_time) - FEWEST_POSES + 1 : _onset_spacing(scene)]]
+
+
+def onsets_of_poses(
+    scene: PointScene, from_order: float, begun_at: Callable[[int | str, float], CauseT]
+) -> Onsets[CauseT]:
+    """Return the onsets that a cause can have which acts from the rank ``from_order`` in time on; ``begun_at`` returns
+    it from a pose and its rank on."""
+    order = scene.covariates[ORDER]
+
+    def at_pose(pose: int) -> CauseT:
+        return begun_at(scene.poses[pose], float(order[pose]))
+
+    return onsets_in_time(order, FEWEST_POSES, _onset_spacing(scene), from_order, at_pose)
 
 
 def _onset_spacing(scene: PointScene) -> int:
