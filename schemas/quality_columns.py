@@ -23,7 +23,8 @@ QUALITY_COLUMNS = (
         "between neighbours along a column (like-neighbours), or between neighbouring targets within an epoch "
         "(like-places); a mean over repeated epochs beyond their scatter "
         "(pure-error: the F test of lack of fit), or within a region of the inputs (by-region); a further "
-        "significant cause (causes-left)",
+        "significant cause (causes-left); errors of single parts that depend on inputs (parts: listed only where the "
+        "search for them ended early)",
         choices=(
             "observation-noise",
             "input-noise",
@@ -32,13 +33,14 @@ QUALITY_COLUMNS = (
             "pure-error",
             "by-region",
             "causes-left",
+            "parts",
         ),
     ),
     text(
         "why_untested",
-        "why there is no test: no command was measured twice, or too few epochs",
+        "why there is no test: no command was measured twice, too few epochs, or it would take too long",
         nullable=True,
-        choices=("no-repeats", "too-few"),
+        choices=("no-repeats", "too-few", "too-large"),
     ),
     text(
         "search_end",

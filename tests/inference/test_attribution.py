@@ -196,7 +196,7 @@ def test_residuals_explained_by_accepted_causes_do_not_remain(size: float) -> No
     columns = _columns(rng)
     effect, noise = 6.0 * np.cos(3.0 * columns["load_n"]), rng.standard_normal(EPOCHS)
     plain, final = (_of_numbers(part * effect + noise, columns) for part in (1.0, size))
-    found = attributed(plain, (plain, final), LEVEL, LEVEL)
+    found = attributed(plain, (plain, final), LEVEL, LEVEL).found
     assert [(one.inputs, one.remains) for one in found] == [(("load_n",), size > 0.0)]
 
 
@@ -237,7 +237,7 @@ def test_the_error_of_a_part_is_reported_with_readings_alone(driver: str, expect
     columns = _columns(np.random.default_rng(22))
     errors = np.column_stack([4.0 * np.cos(3.0 * columns[driver]), np.zeros(EPOCHS)])
     plain = _of_parts(errors, columns)
-    found = attributed(plain, (plain,), LEVEL, 0.05)
+    found = attributed(plain, (plain,), LEVEL, 0.05).found
     assert [(one.subject, one.inputs, one.remains) for one in found] == expected
 
 
@@ -255,7 +255,7 @@ def test_a_slow_motion_of_the_base_depends_on_time(last: str, driver: str, expec
     columns = _columns(np.random.default_rng(24))
     course = columns[driver] / np.ptp(columns[driver])
     plain = _of_parts(np.column_stack([np.zeros(EPOCHS), 4.0 * np.cos(6.0 * course)]), columns, last)
-    found = attributed(plain, (plain,), LEVEL, 0.05)
+    found = attributed(plain, (plain,), LEVEL, 0.05).found
     assert [(one.subject, one.inputs, one.remains) for one in found] == expected
 
 
@@ -264,7 +264,7 @@ def test_an_error_of_a_part_that_accepted_causes_explain_does_not_remain(size: f
     columns = _columns(np.random.default_rng(23))
     errors = np.column_stack([4.0 * np.cos(3.0 * columns["rho2_mm"]), np.zeros(EPOCHS)])
     plain, final = (_of_parts(part * errors, columns) for part in (1.0, size))
-    found = attributed(plain, (plain, final), LEVEL, 0.05)
+    found = attributed(plain, (plain, final), LEVEL, 0.05).found
     assert [(one.subject, one.inputs, one.remains) for one in found] == [("leg1", ("rho2_mm",), size > 0.0)]
 
 
@@ -272,7 +272,20 @@ def test_a_model_that_holds_is_not_asked_on_errors_of_parts() -> None:
     columns = _columns(np.random.default_rng(23))
     errors = np.column_stack([4.0 * np.cos(3.0 * columns["rho2_mm"]), np.zeros(EPOCHS)])
     plain = _of_parts(errors, columns)
-    assert not attributed(plain, (plain,), LEVEL, LEVEL)
+    assert not attributed(plain, (plain,), LEVEL, LEVEL).found
+
+
+@pytest.mark.parametrize(("most", "is_early"), [(EPOCHS * 6 * 1, True), (-1, True), (1e12, False)])
+def test_a_search_for_errors_of_parts_that_is_too_large_ends_early(
+    most: float, is_early: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ends next to the first dependence, or before any."""
+    columns = _columns(np.random.default_rng(23))
+    plain = _of_parts(np.column_stack([4.0 * np.cos(3.0 * columns["rho2_mm"]), np.zeros(EPOCHS)]), columns)
+    monkeypatch.setattr("truing.inference.part_errors._MOST_PRODUCTS", most)
+    attributions = attributed(plain, (plain,), LEVEL, 0.05)
+    assert attributions.ended_early == is_early
+    assert [one.subject for one in attributions.found] == ([] if most < 0 else [""] if is_early else ["leg1"])
 
 
 def test_noise_of_any_size_has_no_course() -> None:

@@ -10,7 +10,7 @@ import pytest
 from tests.inference.test_part_errors import PARTS, problem
 from truing.inference.campaign_inputs import InTime
 from truing.inference.input_spectra import Spectra
-from truing.inference.part_dependences import Part, part_dependences
+from truing.inference.part_dependences import Part, PartDependence, part_dependences
 from truing.inference.part_errors import PartProblem
 
 EPOCHS, LEVEL = 60, 0.005
@@ -21,11 +21,15 @@ def _columns(rng: np.random.Generator) -> dict[str, np.ndarray]:
     return {name: rng.uniform(-1.0, 1.0, EPOCHS) for name in NAMES}
 
 
-def _found(own: PartProblem, columns: dict[str, np.ndarray]) -> list[tuple[int | None, set[str]]]:
+def _dependences(own: PartProblem, columns: dict[str, np.ndarray]) -> list[PartDependence]:
     in_time = InTime(np.arange(EPOCHS, dtype=float), None)
     parts = [Part((place,), name) for place, name in enumerate(NAMES)]
     every = Spectra({"time_s": 60.0 * np.arange(EPOCHS), **columns}, in_time)
-    return [(one.index if one.is_sure else None, set(one.inputs)) for one in part_dependences(own, parts, every, LEVEL)]
+    return list(part_dependences(own, parts, every, LEVEL))
+
+
+def _found(own: PartProblem, columns: dict[str, np.ndarray]) -> list[tuple[int | None, set[str]]]:
+    return [(one.index if one.is_sure else None, set(one.inputs)) for one in _dependences(own, columns)]
 
 
 @pytest.mark.parametrize("tails", [1.5, 30.0])
@@ -81,6 +85,7 @@ def test_a_search_ends_where_its_unknowns_become_too_many_and_then_names_no_part
     epochs, tall, unknowns = own.by_shared.shape
     monkeypatch.setattr("truing.inference.part_errors._MOST_PRODUCTS", epochs * tall * unknowns**2)
     assert _found(own, columns) == [(None, whole[0][1])]
+    assert [one.ends_early for one in _dependences(own, columns)] == [True]
 
 
 def test_a_part_that_moves_in_several_directions_is_asked_as_one() -> None:

@@ -44,6 +44,7 @@ class MisfitKind(StrEnum):
     LIKE_PLACES = "like-places"  # residuals of neighbouring places of a group are correlated within epochs
     PURE_ERROR = "pure-error"  # residuals of repeats have a mean larger than their scatter explains
     BY_REGION = "by-region"  # residuals in a region of the inputs have a mean larger than their scatter explains
+    PARTS = "parts"  # errors of single parts depend on inputs; listed only where the search for them ended early
 
 
 class WhyUntested(StrEnum):
@@ -51,6 +52,7 @@ class WhyUntested(StrEnum):
 
     NO_REPEATS = "no-repeats"  # nothing was measured twice at the same command
     TOO_FEW = "too-few"
+    TOO_LARGE = "too-large"  # it would take too long
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ class Adequacy:
     tests: tuple[AdequacyTest, ...]
     repeated: bool = False  # whether anything was measured twice at the same command
     not_asked: frozenset[MisfitKind] = frozenset()  # kinds whose data (commands, inputs) the campaign does not have
+    too_large: frozenset[MisfitKind] = frozenset()  # kinds whose tests would take too long
 
     @property
     def worst(self) -> AdequacyTest | None:
@@ -88,12 +91,14 @@ class Adequacy:
 
     @property
     def untested(self) -> list[MisfitKind]:
-        """Kinds of misfit that the campaign has too few data to test."""
-        known = self.not_asked | {test.lack for test in self.tests}
+        """Kinds of misfit that the campaign has too few data to test, or too many."""
+        known = self.not_asked | {MisfitKind.PARTS} - self.too_large | {test.lack for test in self.tests}
         return [lack for lack in MisfitKind if lack not in known]
 
     def why_untested(self, lack: MisfitKind) -> WhyUntested:
         """Reason that leaves a kind of misfit untested."""
+        if lack in self.too_large:
+            return WhyUntested.TOO_LARGE
         is_known = lack == MisfitKind.PURE_ERROR and not self.repeated
         return WhyUntested.NO_REPEATS if is_known else WhyUntested.TOO_FEW
 

@@ -46,13 +46,22 @@ class Attributed:
     is_partial: bool = False
 
 
+@dataclass(frozen=True)
+class Attributions:
+    """Inputs that predict residuals; ``ended_early``: whether errors of single parts were too large a problem to search
+    to the end."""
+
+    found: tuple[Attributed, ...] = ()
+    ended_early: bool = False
+
+
 def attributed(
     plain: FittedModel[CauseT],
     models: Sequence[FittedModel[CauseT]],
     level: float,
     level_of_course: float,
     doubted_noise: Array | None = None,
-) -> tuple[Attributed, ...]:
+) -> Attributions:
     """Return the inputs that predict the residuals of models of one campaign, at a familywise p-value of ``level``.
 
     What the last of several models does not show does not remain with its causes.
@@ -84,17 +93,17 @@ def attributed(
             attributions.append(
                 Attributed(group_residuals.channels, inputs, group_residuals.share * share, p_value, remains)
             )
+    ended_early = False
     if level_of_course > level:  # the model is known not to hold
         every = np.ones(len(plain.measured.values), bool)
         spectra = known.get(every.tobytes()) or Spectra(columns, in_time_of(plain, every))
-        attributions += _of_parts(plain, models[-1], spectra, level_of_course)
-    return tuple(_merged(attributions))
+        of_parts = _of_parts(plain, models[-1], spectra, level_of_course)
+        attributions, ended_early = [*attributions, *of_parts.found], of_parts.ended_early
+    return Attributions(tuple(_merged(attributions)), ended_early)
 
 
-def _of_parts(
-    plain: FittedModel[CauseT], final: FittedModel[CauseT], spectra: Spectra, level: float
-) -> Iterator[Attributed]:
-    """Yield the readings on which the errors of single parts depend in the plain model, and time for the base.
+def _of_parts(plain: FittedModel[CauseT], final: FittedModel[CauseT], spectra: Spectra, level: float) -> Attributions:
+    """Return the readings on which the errors of single parts depend in the plain model, and time for the base.
 
     Other columns compete and are not named: a slow motion of anything else also moves the parts. During one campaign it
     may resemble a function of any slow column.
@@ -102,12 +111,17 @@ def _of_parts(
     readings = {name: column_of(values, spectra.columns) for name, values in plain.scene.inputs.items()}
     problem = part_problem(plain)
     if problem is None or len(problem.moved) < FEWEST_EPOCHS:
-        return
+        return Attributions()
+    if problem.is_too_large:
+        return Attributions(ended_early=True)
     left = None if final is plain else part_problem(final)
+    left = None if left is None or left.is_too_large else left
     squares = max(float(np.sum(plain.fit.whitened.rest**2)), _LEAST_SQUARES)
     subjects, parts = _parts(plain, readings)
     timed = time_columns(spectra.columns, spectra.in_time)
+    found, ended_early = list[Attributed](), False
     for dependence in part_dependences(problem, parts, spectra, level):
+        ended_early = dependence.ends_early
         named = {*readings.values(), *(() if subjects[dependence.index] else timed)}
         inputs = tuple(name for name in dependence.inputs if name in named)
         share = _share_saved(plain, dependence.predicted) / squares
@@ -116,9 +130,9 @@ def _of_parts(
             remains = final is plain or is_left
             subject = subjects[dependence.index] if dependence.is_sure else ""
             is_partial = is_left and final is not plain
-            yield Attributed(
-                (), inputs, min(share, 1.0), max(dependence.p_value, LEAST_P), remains, subject, is_partial
-            )
+            p_value = max(dependence.p_value, LEAST_P)
+            found.append(Attributed((), inputs, min(share, 1.0), p_value, remains, subject, is_partial))
+    return Attributions(tuple(found), ended_early)
 
 
 def _parts(fitted: FittedModel[CauseT], readings: Mapping[str, str | None]) -> tuple[list[str], list[Part]]:

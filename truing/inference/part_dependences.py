@@ -38,7 +38,8 @@ class Part:
 class PartDependence:
     """Columns on which the error of a part depends; ``index`` of that part, ``is_sure`` if no other explains the same.
 
-    ``predicted`` (B, M): the change of the whitened rows by it.
+    ``predicted`` (B, M): the change of the whitened rows by it. ``ends_early``: True if no other part was compared with
+    it and no further dependence was searched, because the problem is too large.
     """
 
     index: int
@@ -46,6 +47,7 @@ class PartDependence:
     inputs: Inputs
     p_value: float
     predicted: Array
+    ends_early: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def part_dependences(
             errors = turn.likeliest(parts[index], odds_of_part.best, spectra)
             predicted = np.sum([moved[:, :, place] * error[:, None] for place, _, error in errors], axis=0)
             is_sure = after is not None and not _explain_the_same(turn, after, index)
-            yield PartDependence(index, is_sure, inputs, turn.p_value, predicted)
+            yield PartDependence(index, is_sure, inputs, turn.p_value, predicted, ends_early=after is None)
 
 
 def depends(problem: PartProblem, part: Part, inputs: Inputs, spectra: Spectra, level: float) -> bool:

@@ -132,7 +132,7 @@ class PartErrors:
 
 
 def part_problem(fitted: FittedModel[CauseT]) -> PartProblem | None:
-    """Return the problem of the errors of a model's parts; None where there are none, or it is too large."""
+    """Return the problem of the errors of a model's parts; None where there are none."""
     whitened, error_pathways = fitted.fit.whitened, fitted.model.error_pathways
     if not error_pathways or whitened.whole is None:
         return None
@@ -143,14 +143,13 @@ def part_problem(fitted: FittedModel[CauseT]) -> PartProblem | None:
     epochs, tall, _ = moved.shape
     size = np.sqrt(np.mean(np.sum(moved**2, 1), 0))
     first = epochs * tall
-    problem = PartProblem(
+    return PartProblem(
         moved / np.where(size > 0.0, size, 1.0),
         whitened.own,
         whitened.residual[:first].reshape(epochs, tall),
         whitened.whole[first:],
         whitened.residual[first:],
     )
-    return None if problem.is_too_large else problem
 
 
 class _Weights:

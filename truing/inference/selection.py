@@ -15,8 +15,8 @@ from typing import Generic
 
 import numpy as np
 
-from truing.inference.adequacy import Adequacy, adequacy_of
-from truing.inference.attribution import Attributed, attributed
+from truing.inference.adequacy import Adequacy, MisfitKind, adequacy_of
+from truing.inference.attribution import Attributed, Attributions, attributed
 from truing.inference.blocks import EpochBlocks
 from truing.inference.doubts import Doubts, of_larger_noise, outdone_causes
 from truing.inference.fitted_model import FittedModel
@@ -138,13 +138,14 @@ class CauseSelection(Generic[CauseT]):
         holds, is_named = left.holds, accounted.is_named
         outdone, courses = outdone_causes(self._search, searched, verdicts, compares_courses=holds and is_named)
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
-        attributions = (
-            ()
+        attribution = (
+            Attributions()
             if is_clear and searched.kept
             else self._attributed(
                 accounted, outdone if is_named else {step.cause.key for step in searched.kept}, holds=holds
             )
         )
+        attributions = attribution.found
         # What inputs predict is no scatter, though it may pass for one.
         is_named &= bool(searched.kept) or not attributions
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
@@ -156,7 +157,7 @@ class CauseSelection(Generic[CauseT]):
         verdicts = [doubts.checked(verdict, searched.final, searched.given) for verdict in verdicts]
         if not holds:
             verdicts = [_with_confirmed_inputs(verdict, searched.final, attributions) for verdict in verdicts]
-        return self._diagnosis(kinds, accounted, left, verdicts, doubt, attributions)
+        return self._diagnosis(kinds, accounted, left, verdicts, doubt, attribution)
 
     def _accounted(self, kinds: Sequence[CauseT]) -> _Accounted[CauseT]:
         """Return the search after noise that depends on something, and inputs that scatter, are accounted for."""
@@ -216,7 +217,7 @@ class CauseSelection(Generic[CauseT]):
         left: _Left,
         verdicts: Sequence[Verdict[CauseT]],
         doubt: Reason | None,
-        attributions: tuple[Attributed, ...],
+        attribution: Attributions,
     ) -> CauseDiagnosis[CauseT]:
         """Return the diagnosis with the verdicts and a doubt of the whole model."""
         searched, fitter = accounted.searched, self._search.fitter
@@ -233,13 +234,13 @@ class CauseSelection(Generic[CauseT]):
             left.noise,
             left.noisy,
             tuple(replace(dependence, doubt=doubted or dependence.doubt) for dependence in accounted.noise_dependences),
-            left.adequacy,
+            replace(left.adequacy, too_large=frozenset({MisfitKind.PARTS} if attribution.ended_early else ())),
             searched.end,
             tuple(replace(scatter, doubt=doubted or scatter.doubt) for scatter in accounted.scatters),
             fitter.held_out,
             self._untestable_kinds(kinds, searched),
             tuple(fitter.blocks or ()),
-            attributions,
+            attribution.found,
             self._single_errors(kinds, searched),
             fitter.repeats is not None,
         )
@@ -264,9 +265,7 @@ class CauseSelection(Generic[CauseT]):
         scene = searched.plain.scene
         return tuple(kind for kind in kinds if kind.id not in known and not scene.scatters(kind))
 
-    def _attributed(
-        self, accounted: _Accounted[CauseT], outdone: Collection[str], *, holds: bool
-    ) -> tuple[Attributed, ...]:
+    def _attributed(self, accounted: _Accounted[CauseT], outdone: Collection[str], *, holds: bool) -> Attributions:
         """Return the inputs that predict residuals of the plain model with the causes that are not ``outdone`` (keys).
 
         A model with wrong causes may have absorbed a dependence. If the final model does not hold, the campaign is
@@ -286,9 +285,9 @@ class CauseSelection(Generic[CauseT]):
             certain = [step.cause for step in searched.kept if step.cause.key not in outdone]
             causes = (*searched.given, *certain)
             model = self._search.fitter.comparable(causes, searched.final) if certain else plain
-            found_without = attributed(plain, (model,), level, level, doubted)
+            found_without = attributed(plain, (model,), level, level, doubted).found
             remains = len(certain) == len(searched.kept)  # the final model holds: its causes leave nothing
-            return tuple(replace(attribution, remains=remains) for attribution in found_without)
+            return Attributions(tuple(replace(attribution, remains=remains) for attribution in found_without))
         # A drift that is accounted for in part leaves residuals that no function of time alone explains.
         final = self._search.without_drifts(searched)
         models = (plain,) if final is plain else (plain, final)

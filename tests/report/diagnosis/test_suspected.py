@@ -169,6 +169,13 @@ def test_quantities_without_repeats_are_reported_as_not_repeated() -> None:
     assert lead.index("the inputs") < lead.index("no command")
 
 
+def test_a_search_that_ended_early_is_reported_as_not_tested_to_the_end() -> None:
+    tests = adequacy(("like-neighbours", "time_s", 0.3, 1e-6, "fails"), ("parts", "", None, None, "not tested"))
+    tests = tests.assign(why_untested=[None, "too-large"])
+    lead = part_of("adequacy", diagnosis_tables() | {"adequacy": tests}).lead
+    assert_says(lead, "Not tested", "not to the end", "single parts' errors")
+
+
 @pytest.mark.parametrize(
     ("test", "along", "said"),
     [

@@ -40,6 +40,7 @@ _LOOKED_FOR = {
     "like-places": "correlation of residuals of neighbouring targets",
     "pure-error": "lack of fit, by repeated measurements",
     "by-region": "mean residual of a region",
+    "parts": "dependence of single parts' errors on inputs",
     CAUSES_LEFT: "further causes",
 }
 _RESIDUALS = {"observation-noise": "residuals of the measurements", "input-noise": "residuals of the inputs"}
@@ -50,7 +51,11 @@ _WHY_ENDED = {
     "refused": "because this candidate predicts held-out measurements worse",
     "events": "because a third sudden change of the same part is less probable than an unknown effect",
 }
-_WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeated"}
+_WHY_UNTESTED = {
+    "too-few": "too few data",
+    "no-repeats": "no command was repeated",
+    "too-large": "or not to the end: it would take too long",
+}
 _UNITS = {
     **dict.fromkeys(("like-neighbours", "like-places"), "(correlation)"),
     **dict.fromkeys(("pure-error", "by-region"), "(F)"),
