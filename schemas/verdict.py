@@ -164,14 +164,24 @@ class Relation(StrEnum):
         return self not in (Relation.BODIES_SURVEY, Relation.RAYS_POINTS)
 
 
-# A correct model has such a misfit once in 1,000 campaigns; declared noise is known to a tenth.
-_UNLIKELY, _MARGIN = 1e-3, 1.1
+# Declared noise counts as 50 values: it is known to a tenth (one standard deviation). By chance and by wrongly declared
+# noise, a correct model has a misfit beyond _MOST_WRONG once in 1,000 campaigns, by the distribution F(inf, 50).
+DECLARED_FREEDOM = 50.0
+_UNLIKELY, _MARGIN, _MOST_WRONG = 1e-3, 1.1, 1.42
 BY_A_FACTOR = 2.0  # an error above this multiple of the noise fails, because no declared noise is that wrong unnoticed
 
 
 def does_not_fit(p_value: float, ratio: float) -> bool:
-    """True if a model's misfit exceeds what chance and declared noise explain.
+    """True if a model's misfit exceeds what chance and wrongly declared noise explain.
 
     ``ratio``: rms misfit over declared noise; ``p_value``: probability of such a misfit for a correct model.
+    """
+    return p_value < _UNLIKELY and ratio > _MOST_WRONG
+
+
+def is_clearly_larger(p_value: float, ratio: float) -> bool:
+    """True if an error exceeds another one by more than a tenth, and beyond chance.
+
+    ``ratio``: error over the other one; ``p_value``: probability of such a ratio where both are equal.
     """
     return p_value < _UNLIKELY and ratio > _MARGIN

@@ -19,6 +19,7 @@ from truing.inference.fit import Fit, linearise
 from truing.inference.linear_problem import Whitened
 from truing.inference.linearised_model import LinearisedModel
 from truing.inference.model import CauseT, Model
+from truing.inference.noise import NOISE_PRIOR_FREEDOM
 from truing.inference.observations import Frames, Observations
 
 # Newton steps on frames and local unknowns; from the fit of an epoch, two converge.
@@ -229,13 +230,14 @@ class NoiseFloor:
 
 
 def is_beyond_floor(error: PredictionError[CauseT], floor: NoiseFloor) -> bool:
-    """Return True if a prediction error exceeds its noise floor by 10 %, and by more than chance does once in 100
-    campaigns.
+    """Return True if a prediction error exceeds its noise floor by 10 %, and by more than chance and wrongly declared
+    noise do once in 100 campaigns.
 
-    Either the declared noise is wrong or an effect is missing. Each channel counts in units of its floor. Errors of one
-    epoch have parts in common: how many independent numbers an epoch holds follows from the scatter of its mean square.
+    Then an effect is missing. Declared noise is known to 10 %, as in `noise_level`. Each channel counts in units of its
+    floor. Errors of one epoch have parts in common: how many independent numbers an epoch holds follows from the
+    scatter of its mean square.
     """
-    from scipy.special import chdtrc
+    from scipy.special import fdtrc
 
     known = error.is_observed & (floor.square > 0.0)
     counts = known.sum(1)
@@ -247,7 +249,7 @@ def is_beyond_floor(error: PredictionError[CauseT], floor: NoiseFloor) -> bool:
     total, spread = float(np.average(squares, weights=counts[epochs])), float(squares.std(ddof=1))
     independent = max(1.0, 2.0 * (float(squares.mean()) / spread) ** 2) if spread > 0.0 else 1.0
     freedom = independent * len(squares)
-    return total > _CLEARLY**2 and bool(chdtrc(freedom, freedom * total) < _RARE)
+    return total > _CLEARLY**2 and bool(fdtrc(freedom, NOISE_PRIOR_FREEDOM, total) < _RARE)
 
 
 @dataclass(frozen=True)

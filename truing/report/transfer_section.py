@@ -12,7 +12,7 @@ from truing.report.numbers import count_text, plain, quantity, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, reason, table_or_none
-from truing.schemas.verdict import BY_A_FACTOR, ReasonCode, does_not_fit
+from truing.schemas.verdict import BY_A_FACTOR, ReasonCode, is_clearly_larger
 
 _TITLE = "A second campaign of the same machine"
 _ARTIFACT = "second_campaign_errors"
@@ -84,7 +84,7 @@ def _worst(fitted: pd.DataFrame, errors: pd.DataFrame) -> tuple[pd.Series, float
         if p is None or p != p or not base:
             continue
         ratio = row["rms_error"] / base
-        if does_not_fit(p, ratio) and (found is None or ratio > found[0]):
+        if is_clearly_larger(p, ratio) and (found is None or ratio > found[0]):
             found = ratio, row, float(base)
     return None if found is None else found[1:]
 

@@ -36,7 +36,7 @@ from truing.report.reasons import why_no_calibration
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, table_or_none
 from truing.report.wordings.catalogue import cause_words
-from truing.schemas.verdict import BY_A_FACTOR, ReasonCode, does_not_fit
+from truing.schemas.verdict import BY_A_FACTOR, ReasonCode, does_not_fit, is_clearly_larger
 
 _BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives"
 
@@ -115,6 +115,10 @@ def _of_chosen(
     misfit = misfit_ratio(facts)
     if misfit is not None and does_not_fit(float(facts["misfit_p_value"]), misfit):
         return _misfit(chosen, misfit, before)
+    if misfit is not None and is_clearly_larger(float(facts["misfit_p_value"]), misfit):
+        text = f"Residuals of {calibration_name(chosen)} are {plain(misfit)} times the declared noise: check [noise], "
+        text += "or look for a small missing effect."
+        return _calibrated(RelationState.ATTENTION, ReasonCode.MISFIT, text, misfit)
     failed = {code: test for code, test in zip(_CODES, tests, strict=True) if test.holds is False}
     who = calibration_name(chosen)
     if failed:

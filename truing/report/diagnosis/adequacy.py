@@ -167,7 +167,7 @@ def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict
     ratio, size = _times_noise(worst), rough_quantity(worst.after, worst.unit)
     floor = rough_quantity(worst.floor or 0.0, worst.unit)
     text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {floor}."
-    text += " With so few data, the difference may be chance." if ratio > AT_THE_FLOOR else ""
+    text += " The excess may be chance, or noise larger than declared." if ratio > AT_THE_FLOOR else ""
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 

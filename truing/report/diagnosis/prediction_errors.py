@@ -12,6 +12,7 @@ from truing.report.diagnosis.assessed_causes import AssessedCause, modelled_of, 
 from truing.report.diagnosis.findings import IN_TURN
 from truing.report.numbers import plain
 from truing.report.tables import STEP_KEYS, Tables, in_channel_order, is_bench, load_steps, table_or_none
+from truing.schemas.verdict import DECLARED_FREEDOM
 
 # Standard deviation of a normal distribution over the median of its absolute values.
 _MEDIAN_TO_SIGMA = 1.4826
@@ -25,8 +26,8 @@ _FEWEST_POSES = 8  # fewest poses for an estimate of the independent numbers per
 AT_THE_FLOOR = 1.1
 # p-value below which errors are called smaller than noise allows.
 _UNLIKELY = 1e-3
-# The same for errors that are called larger than noise allows.
-_RARE = 1e-2
+# The same for errors that are called larger than noise allows; and independent numbers where these are unknown.
+_RARE, _MANY = 1e-2, 1e9
 
 
 @dataclass(frozen=True)
@@ -222,15 +223,14 @@ class Overall:
 
     @property
     def is_beyond_noise(self) -> bool:
-        """True if the error exceeds the noise floor by a clear factor, and by more than chance does once in 100
-        campaigns."""
+        """True if the error exceeds the noise floor by a clear factor, and by more than chance and wrongly declared
+        noise do once in 100 campaigns."""
         if not self.floor or self.after <= AT_THE_FLOOR * self.floor:
             return False
-        if not self.freedom > 0.0:
-            return True
-        from scipy.special import chdtrc
+        from scipy.special import fdtrc
 
-        return bool(chdtrc(self.freedom, self.freedom * (self.after / self.floor) ** 2) < _RARE)
+        freedom = self.freedom if self.freedom > 0.0 else _MANY
+        return bool(fdtrc(freedom, DECLARED_FREEDOM, (self.after / self.floor) ** 2) < _RARE)
 
     @property
     def is_below_noise(self) -> bool:
