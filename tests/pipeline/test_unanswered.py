@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from tests.changed_files import replace_text
 from tests.sentences import assert_says
 from truing.pipeline.campaign_check import CampaignCheck, check_campaign
 from truing.pipeline.campaign_folder import open_campaign
@@ -33,11 +34,8 @@ def started(folder: Path, **files: str) -> str:
 
 
 def answered(folder: Path, *changes: tuple[str, str]) -> CampaignCheck:
-    text = (folder / "campaign.toml").read_text(encoding="utf-8")
     for before, after in changes:
-        assert before in text
-        text = text.replace(before, after)
-    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+        replace_text(folder / "campaign.toml", before, after)
     return check_campaign(open_campaign(folder))
 
 

@@ -13,8 +13,8 @@ from tests.simulation.mechanisms.chains.test_chain_model import diagnosed
 from tests.tolerance import assert_close
 from truing.inference import forward_search
 from truing.inference.cause_forms import CauseForms
-from truing.inference.forward_search import contested_causes
 from truing.inference.rounds import Round
+from truing.inference.search_result import contested_causes
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCompliance
 from truing.simulation.mechanisms.chains.link_causes import LinkBending
