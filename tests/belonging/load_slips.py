@@ -19,8 +19,8 @@ LINEAR = ("dx", "dy", "dz")
 
 @dataclass(frozen=True)
 class Made:
-    """What was done, as the right answer: relation, kind, the quantities that may be named, who it concerns (all of
-    them named), and what makes the numbers right."""
+    """The slip made, as the right answer: relation, kind, quantities that may be named, subjects that must all be
+    named, and the correction."""
 
     relation: str
     kind: str

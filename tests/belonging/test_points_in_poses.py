@@ -53,7 +53,8 @@ def test_a_mirror_image_in_some_poses_is_reported_by_its_axes(
 
 
 def test_poses_that_travel_far_have_the_same_changed_axes_as_the_others() -> None:
-    """Where the machine travels as far as it lies from the instrument, single poses are near by another change too."""
+    """If the travel is as large as the distance to the instrument, another change also explains single poses
+    approximately."""
     for seed in range(5):
         body = _changed(_body(seed, travel=0.25), slice(8, None), lambda p: p * [1.0, 1.0, -1.0])
         (slip,) = relate_survey(body).slips

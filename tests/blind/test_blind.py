@@ -29,7 +29,7 @@ WRONG, MISNAMED = 0.05, 0.1
 
 
 def _drawn() -> dict[str, list[tuple[str, ...]]]:
-    """What is hidden, campaign by campaign: nothing; one cause; two at once; effects of no catalogue."""
+    """Hidden effects by campaign: none; one cause; two causes; effects outside the catalogue."""
     rng = np.random.default_rng([SEED, 4])
     names = rng.choice(sorted(CATALOGUE), ONE, replace=False).tolist()
     pairs: list[tuple[str, ...]] = [draw_two(rng) for _ in range(TWO)]

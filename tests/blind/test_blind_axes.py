@@ -53,11 +53,11 @@ class AssessedAxis:
 
     @property
     def found(self) -> list[Verdict]:
-        """What was found."""
+        """Verdicts of found causes."""
         return [verdict for verdict in self.decided.verdicts if verdict.verdict == "found"]
 
     def pull(self, hidden: Hidden) -> float:
-        """How far the found size is from the hidden one, over its standard deviation."""
+        """Deviation of the found from the hidden size, in its standard deviations."""
         own = next(verdict for verdict in self.found if verdict.cause.id == hidden.cause)
         si = 1.0 if hidden.cause in FACTORS else SI[self.campaign.layout.kind]
         value, sigma = own.values[0], np.sqrt(own.covariance[0, 0])

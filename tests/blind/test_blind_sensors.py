@@ -24,7 +24,7 @@ NAMED = 0.99  # of effects so strong
 
 
 def _drawn() -> list[tuple[str, ...]]:
-    """What is hidden, campaign by campaign: nothing; one effect; two at once."""
+    """Hidden effects by campaign: none; one; two."""
     rng = np.random.default_rng([SEED, 6])
     ones = rng.choice(sorted(CATALOGUE), ONE, replace=False).tolist()
     return [(), *((name,) for name in ones), draw_two(rng)]
@@ -72,7 +72,7 @@ def test_nothing_is_found_for_sure_beside_what_was_hidden(assessed: list[Assesse
 
 
 def _is_sure(one: Assessed) -> bool:
-    """Whether a finding that nobody hid is more than chance does in one campaign of a thousand."""
+    """Return True if chance gives such an invented finding in fewer than one campaign of a thousand."""
     hidden = {effect.cause for effect in one.hidden}
     found = [row for row in one.record["findings"] if row["verdict"] == "found" and row["cause"] not in hidden]
     return any(row["p_value"] < UNLUCKY for row in found)

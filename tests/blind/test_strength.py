@@ -102,7 +102,7 @@ def test_every_kind_reaches_the_strength_asked_for(name: str) -> None:
 
 
 def assert_parts(effect: Effect, of_drivers: Mapping[str, float], strength: float) -> None:
-    """What a single driver tells is the whole effect, what each of several tells a part."""
+    """The part of a single driver is the whole effect; each of several drivers has a part."""
     assert sorted(of_drivers) == (sorted(effect.drivers) if isinstance(effect, Foreign) else [])
     for own in of_drivers.values():
         assert_between(own / strength, 0.1 if len(of_drivers) > 1 else 1 - 1e-6, 1.5, what="part")

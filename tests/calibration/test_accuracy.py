@@ -77,7 +77,7 @@ def test_further_poses_that_miss_by_as_much_decide_and_one_less_does_not() -> No
 
 
 def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
-    """What is expected is the middle of what comes; one time in two it takes more."""
+    """The expected number of poses is the median: in about half of the draws more are needed."""
     (errors, limit, decision), rng = _undecided(), np.random.default_rng(12)
     assert decision.more_poses is not None
     size = np.sqrt(np.mean(errors**2))

@@ -53,7 +53,7 @@ def test_every_remark_stands_above_a_block() -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where a page's code runs: the sample cut short, the same as a campaign of one's own, and a run."""
+    """Working folder of a page's code: the shortened sample, a copy of it as a user's campaign, and a run."""
     for name, source in (("sample_data", "sample_data"), ("runs", "runs"), ("my-campaign", "sample_data/telescope")):
         shutil.copytree(workplace / source, tmp_path / name)
     monkeypatch.chdir(tmp_path)

@@ -49,7 +49,7 @@ def test_runs_repeat_each_other_but_for_their_zeros_and_steps_that_one_of_them_m
 
 
 def left_by_a_line(curved):
-    """What a line leaves of twelve values at five places, curved by so much."""
+    """Residuals of a line through twelve values at five places, with a given curvature."""
     rng = np.random.default_rng(3)
     x = np.arange(12) % 5 - 2.0
     values = rng.standard_normal((12, DRAWS)) + 7.0 * x[:, None] + curved * (x**2)[:, None]

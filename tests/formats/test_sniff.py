@@ -114,7 +114,7 @@ def test_a_truncated_archive_is_reported(tmp_path):
 
 @pytest.mark.parametrize("name", ["_" * 20_000 + "!", "x" + "_ " * 9000 + "!", "1'" * 20_000, "known_f" * 5000])
 def test_names_without_end_are_no_columns(tmp_path, name):
-    """What looks for units and meanings in a name of thousands of marks tried every way to cut it."""
+    """To try every way to cut a name of thousands of marks takes too long, so such names are no columns."""
     guess = sniff_file(written(tmp_path, "a.csv", f"{name},y,z\n" + "1,2,3\n" * 20))
     assert guess.mapping.get("columns", {}) == {}
 

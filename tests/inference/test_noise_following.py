@@ -47,7 +47,8 @@ def test_noise_that_grows_with_a_column_is_traced_to_it() -> None:
 
 
 def test_a_dependence_found_twice_on_one_quantity_is_one_dependence() -> None:
-    """What is found after the first weighting multiplies it: the ratio is that of the extremes of both together."""
+    """A dependence found after the first weighting multiplies it: the ratio is that of the extremes of both
+    together."""
     rng = np.random.default_rng(2)
     possible = _drivers(rng)
     growth = np.exp(0.4 * possible[2].values[:, 0])

@@ -31,7 +31,7 @@ def _candidates() -> list[ScatterCandidate]:
 
 
 def _fit(rng: np.random.Generator, scatter: NDArray) -> InputResiduals:
-    """What a fit makes of inputs that scatter by so many prior sigmas (B, H), next to noise that is correlated."""
+    """Fitted inputs that scatter by the given prior sigmas (B, H), next to correlated noise."""
     mixing = rng.normal(size=(INPUTS, INPUTS)) / 2 + np.eye(INPUTS)
     noise = NOISE**2 * mixing @ mixing.T
     gain = np.linalg.inv(np.eye(INPUTS) + noise)

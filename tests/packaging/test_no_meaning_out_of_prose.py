@@ -29,7 +29,7 @@ def named(node: ast.AST) -> str:
 
 
 def looks_into(node: ast.AST) -> bool:
-    """Whether an expression takes a sentence apart, or looks for words in it."""
+    """Return True if an expression takes a sentence apart or searches it for words."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
         asked = node.func
         if asked.attr in LOOKS and node.args and named(asked.value) in PROSE:

@@ -30,7 +30,7 @@ def test_a_room_of_stages_imports_only_itself_and_what_is_shared(room: str) -> N
 
 
 def _of_stages(names: set[str]) -> list[str]:
-    """What of the stages is named; of `from truing.stages.a import b` the module alone."""
+    """Names of modules of stages; for `from truing.stages.a import b` the module alone."""
     return sorted(name for name in names if within(name, "truing.stages"))
 
 

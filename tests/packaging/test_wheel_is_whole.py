@@ -30,7 +30,7 @@ def _packaged_files(room: Path) -> list[Path]:
 
 
 def _installed(path: Path) -> str:
-    """Where a file of the checkout stands in the wheel: everything below the one name."""
+    """Path in the wheel of a file of the checkout: below the one package."""
     place = path.relative_to(PROJECT)
     return place.as_posix() if place.parts[0] == "truing" else f"truing/{place.as_posix()}"
 

@@ -244,7 +244,7 @@ class FakeProject:
 
     @property
     def out(self) -> Path:
-        """Where a run goes by default."""
+        """Default folder of a run."""
         return self.cwd / "runs" / "bench"
 
     def command(self, *words: str) -> list[str]:

@@ -73,7 +73,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def faultless_once_the_noise_is_declared(folder: Path) -> bool:
-    """What `truing init` proposes for raw files alone, with the noise as the only key that a person fills in."""
+    """Return True if the proposal of `truing init` has no fault once the user adds the noise."""
     (folder / "campaign.toml").unlink()
     assert init(folder).exit_code == 0
     text = (folder / "campaign.toml").read_text(encoding="utf-8")

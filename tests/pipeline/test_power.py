@@ -74,7 +74,8 @@ def test_power_of_a_planned_campaign_reports_sizes_and_changes_no_file(planned: 
 
 
 def reported_at_once(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
-    """What a diagnosis would say that finds everything from the expected size on, and errs once where nothing is."""
+    """Answer of an ideal diagnosis: it finds every effect from the expected size on, and errs once without an
+    effect."""
     found = trial.factor >= 1.0 or (not trial.effects and trial.seed[-1] == 0)
     return Answer(trial.question, trial.factor, found, found, found, ())
 

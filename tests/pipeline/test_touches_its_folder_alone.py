@@ -57,7 +57,7 @@ def _listen() -> None:
 
 
 def _foreign(watch: _Watch, *allowed: Path) -> list[Path]:
-    """What was touched that lies in no allowed place."""
+    """Touched paths outside the allowed places."""
     allowed = (*allowed, Path("/proc/self"))  # counters of this process
     foreign = [path for path in watch.touched if not any(map(path.is_relative_to, allowed))]
     return [path for path in foreign if "__pycache__" not in path.parts and path != Path(os.devnull)]
@@ -87,7 +87,7 @@ def _called(*words: object) -> _Watch:
 
 
 def _left(places: Path) -> set[str]:
-    """What lies there besides three folders that nothing was left in."""
+    """Names in a place, except three folders that must be empty."""
     for name in ("here", "temporary", "home"):
         assert list((places / name).iterdir()) == []
     return {path.name for path in places.iterdir()} - {"here", "temporary", "home"}

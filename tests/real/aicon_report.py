@@ -73,7 +73,7 @@ def read_report(path: Path) -> Report:
 
 
 def _part(text: str, heading: str) -> str:
-    """What stands between a heading and the next one."""
+    """Text between a heading and the next one."""
     after = re.split(rf"\*\*\* {heading} \*\*\*", text)[1]
     return after.split("***")[0]
 

@@ -139,7 +139,7 @@ class CableProblem:
 
     @property
     def units(self) -> NDArray:
-        """What one unit of the tables is in SI: 1, degrees, mm."""
+        """SI value of one unit of the tables: 1, degrees, mm."""
         return np.concatenate([np.ones(CABLES), np.full(CABLES + 1, np.radians(1.0)), self.geometry.units])
 
     @property

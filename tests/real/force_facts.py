@@ -81,7 +81,7 @@ def _signals(tables: Tables) -> tuple[NDArray, NDArray]:
 
 
 def residuals(tables: Tables) -> dict[str, Any]:
-    """What the linear calibration with a zero leaves of the rows as they were written down: by load, and along y."""
+    """Residuals of the linear calibration with a zero, of the rows as recorded: by load, and along y."""
     signals, loads = _signals(tables)
     fit = fit_calibration(load_table(signals, loads), CalibrationModel(zero="common"))
     return {"rms": np.sqrt(np.mean(fit.residuals**2, 0)).tolist(), "fy": fit.residuals[:, 1].tolist()}

@@ -150,14 +150,14 @@ class Page:
         self.ask("Emulation.setDeviceMetricsOverride", **size)
 
     def value(self, expression: str) -> Any:
-        """What an expression of JavaScript comes to, promises awaited."""
+        """Value of an expression of JavaScript, promises awaited."""
         reported = self.ask("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in reported:
             raise BrowserError(f"{expression[:80]}: {reported['exceptionDetails']}")
         return reported["result"].get("value")
 
     def becomes(self, expression: str) -> bool:
-        """Whether an expression comes true soon, also on the page to which the one in view is just leading."""
+        """Return True if an expression becomes true soon, also on a page that is still loading."""
         until = time.monotonic() + _PATIENCE_S
         while True:
             try:

@@ -65,7 +65,7 @@ KEYS = [one for one in _all_keys() if one[1] not in {("format",), ("mechanism", 
 
 
 def _faults(kind: str, place: Place, value: Any) -> list[str]:
-    """What is said of a campaign that holds this value at this place, and else next to nothing."""
+    """Faults of an otherwise almost empty campaign with this value at this place."""
     for part in reversed(place):
         value = [value] if part == 0 else {part: value}
     document = {**value}

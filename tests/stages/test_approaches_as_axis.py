@@ -189,7 +189,7 @@ def test_settings_of_an_axis_survive_pickle_and_copy() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4, 5, 6])
 def test_lost_motion_is_named_next_to_a_larger_error_of_the_place(seed: int) -> None:
-    """What an error of the place leaves is the same from both sides, so the difference between sides is none of it."""
+    """An error of the place is equal from both sides, so the difference between the sides is lost motion alone."""
     rng = np.random.default_rng(seed)
     axis = Axis(backlash=0.0127, targets=tuple(np.linspace(-20.0, 20.0, 9).tolist()))
     table = axis.measured(rng)

@@ -40,7 +40,7 @@ CERTAINTY = 0.999  # of every chi-square band
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """What the stage left for a campaign, and the truth behind the campaign."""
+    """Results of the stage for a campaign, and the truth behind the campaign."""
 
     rows: list[dict[str, Any]]
     model: str
@@ -102,7 +102,7 @@ def linear(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
 
 
 def _given(made: Diagnosed, row: dict[str, Any], name: str) -> dict[str, float]:
-    """What each source gives to a parameter."""
+    """Contribution of each source to a parameter."""
     place = row["cause"], row["subject"], name
     return {
         source["input_source"]: source["contribution"]

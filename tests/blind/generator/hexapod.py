@@ -24,7 +24,8 @@ ROUNDS = 12  # each leaves of a reading's error what effects are of the reading,
 
 @dataclass(frozen=True)
 class Place:
-    """Where the platform is put: position (3,) mm and rotation vector (3,) rad from the level home, and the role."""
+    """Commanded pose of the platform: position (3,) mm, rotation vector (3,) rad from the level reference pose, and
+    role."""
 
     role: str
     position: Array
@@ -107,7 +108,7 @@ def _body_poses(built: Geometry, places: Sequence[Place]) -> BodyPoses:
 
 
 def displacements(geometry: Geometry, body_poses: BodyPoses) -> Array:
-    """What actuators have moved from rho0 (N, L), mm, where the platform stands and nothing acts."""
+    """Displacements of the actuators from rho0 (N, L), mm, for given platform poses without effects."""
     return _spans(geometry.a, geometry.b, body_poses) - geometry.length - geometry.rho0
 
 

@@ -22,7 +22,7 @@ class NamedEffect:
 
     @property
     def subject(self) -> str:
-        """What it concerns, empty for the whole."""
+        """Subject of the effect, empty for the whole."""
         return ""
 
     @property
@@ -31,7 +31,7 @@ class NamedEffect:
         return ()
 
     def scatter(self, scatter: Array, setting: object) -> Array:
-        """How many times the instrument's noise each point (N, M) or reading (S, 6) has."""
+        """Scatter of each point (N, M) or reading (S, 6), relative to the instrument's noise."""
         return scatter
 
 

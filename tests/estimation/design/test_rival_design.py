@@ -31,7 +31,7 @@ GRID = np.linspace(-1.0, 1.0, 21)[:, None]
 
 @dataclass(frozen=True)
 class Conditions:
-    """Where each pose is measured: one reading."""
+    """Positions of the measured poses, with one reading each."""
 
     readings: np.ndarray
 

@@ -50,7 +50,7 @@ def bench(repeats: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def peculiar(run: np.ndarray, time_s: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """What a platform does that has hysteresis and play, creeps and answers pushing otherwise than pulling."""
+    """Response of a platform with hysteresis, play and creep that differs between pushing and pulling."""
     share = load[:, 2] / 4000.0
     size, back = np.abs(share), np.concatenate([[0.0], np.diff(np.abs(share)) < 0.0])
     crept = np.zeros(len(share))

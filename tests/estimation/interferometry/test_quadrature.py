@@ -74,7 +74,8 @@ def test_phases_do_not_know_the_gain_and_the_offsets(gain: float, offset: tuple[
 
 
 def test_signals_exchanged_turn_the_other_way() -> None:
-    """Which signal leads is a convention: exchanged, the phase is pi/2 less itself, and the lag changes its sign."""
+    """Which signal leads is a convention: after an exchange the phase is pi/2 minus itself, and the lag changes its
+    sign."""
     phase, seen = noisy(5, 360.0, channels=3)
     first, second = fit_ellipse(seen), fit_ellipse(seen[..., ::-1])
     assert_close(second.values, first.values[:, [1, 0, 3, 2, 4]], atol=1e-5)

@@ -91,7 +91,7 @@ def test_residuals_beyond_the_noise_fail_the_check(after, state):
 
 @pytest.mark.parametrize(("after", "state"), [(7.9, "ok"), (10.0, "attention"), (20.0, "fails")])
 def test_more_than_noise_where_it_was_fitted_is_an_incomplete_picture(after, state):
-    """What was held out is missed by uncertain parameters too, what was fitted to is not."""
+    """Uncertain parameters raise the errors of held-out poses, but not those of fitted ones."""
     tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, rms_after=after)))
     assert state_of("gain", tables) == state
 

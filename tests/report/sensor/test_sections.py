@@ -87,7 +87,8 @@ def test_calibration_gives_the_choice_and_the_matrix(tables):
 
 
 def test_scatter_that_a_fit_learned_from_its_residuals_is_not_called_noise(tables):
-    """What a linear model lacks is in its residuals: agreement with them is no agreement with the signals' noise."""
+    """Residuals contain what a linear model lacks: agreement with them is no agreement with the noise of the
+    signals."""
     choice = tables["sensor_choice"].copy()
     learned = choice["model"].str.startswith("least squares")
     name = choice.loc[learned, "model"].iloc[0]

@@ -26,7 +26,7 @@ MODEL, ARC = BeamModel(), BeamModel("beam, exact arc", arc_distance)
 
 
 def _shift_um(machine: Machine, model: BeamModel = MODEL) -> np.ndarray:
-    """How much readings move for the flexures at the poses of table 3."""
+    """Change of the readings by the flexures at the poses of table 3, µm."""
     rho = machine.legs.rho0 + TABLE_3
     reached = forward(machine.legs, rho)
     asked = readings_at(model, machine, reached.p, reached.R)

@@ -130,7 +130,7 @@ def test_a_corrected_effect_is_reported_as_changed(home: Path, earlier: str) -> 
 
 
 def test_a_survey_that_both_rest_on_is_counted_once(home: Path) -> None:
-    """What it says of the attachments is common to both campaigns, and nothing that the earlier one could hand on."""
+    """The attachments by the survey are common to both campaigns, so the prior does not contain them again."""
     first, same, other = (gathered(measured(home, seed, same_survey=seed != 7)) for seed in (5, 6, 7))
     found = read_model(model_text(fitted(first), "first"))
     common, own = (mechanism_prior(found, one.model) for one in (same, other))

@@ -40,7 +40,7 @@ FZ = Eccentricity("fz")
 
 @dataclass(frozen=True)
 class Machine:
-    """Where a campaign's own draws begin: the sensor is drawn from a seed of its own."""
+    """Seeds of a campaign; the sensor has a seed of its own."""
 
     seed: int
     built: int = 11

@@ -56,7 +56,7 @@ def test_errors_of_relative_poses_agree_with_their_covariance(adjusted: Any) -> 
 
 
 def test_without_the_correlations_heights_would_be_stated_far_too_well(adjusted: Any) -> None:
-    """What cameras and bars do to all points alike is no noise that many points average out."""
+    """Errors of cameras and scale bars are common to all points, so the mean of many points does not reduce them."""
     _, folder, tables = adjusted
     alone = {name: table for name, table in tables.items() if name != "point_correlations"}
     found = call_stage("pose", alone, settings_of(folder)).artifacts["poses"]
