@@ -60,7 +60,7 @@ def test_a_zero_off_by_some_degrees_is_no_slip() -> None:
         lambda true: Rotation.from_rotvec(true.as_rotvec() * [1.0, 1.0, -1.0]),
     ],
 )
-def test_what_an_unknown_base_and_tool_make_equal_is_one_slip(changed: Callable[[Rotation], Rotation]) -> None:
+def test_inversions_equal_up_to_base_and_tool_are_one_slip(changed: Callable[[Rotation], Rotation]) -> None:
     misfit = misfit_of(changed(MEASURED))
     assert slip_subjects(misfit) == {"inversion"}
     assert misfit.after < 3e-3 < 0.1 * misfit.before

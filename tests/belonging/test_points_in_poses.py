@@ -111,7 +111,7 @@ def _gross(points: np.ndarray) -> np.ndarray:
     ],
 )
 @pytest.mark.parametrize("targets", [4, 9])
-def test_what_a_good_campaign_may_hold_is_no_slip(
+def test_deformations_moved_targets_and_small_errors_of_scale_are_no_slip(
     rows: slice, change: Callable[[np.ndarray], np.ndarray], targets: int
 ) -> None:
     for seed in range(10):

@@ -65,7 +65,7 @@ FROM_8 = "run 5 from step"
         pytest.param(_copied, True, {SIGNALS}, "copied", 1.0, "v3", id="a copied signal"),
     ],
 )
-def test_what_concerns_a_part_of_the_rows_is_named(
+def test_a_slip_in_some_rows_is_named_with_its_place(
     tmp_path: Path,
     make: Callable[[pd.DataFrame, pd.DataFrame], None],
     own_channel: bool,

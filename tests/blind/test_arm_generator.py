@@ -250,7 +250,7 @@ def test_a_notation_changes_no_link() -> None:
         assert np.allclose(*moved, atol=1e-12)
 
 
-def test_what_a_file_leaves_free_takes_up_effects() -> None:
+def test_parameters_without_tolerance_absorb_effects() -> None:
     """Without tolerances links are free: so is the place of a tool whose poses are measured."""
     seeds = (seed for seed in range(100) if draw(seed, causes=(), layout="bench-5r", poses=40).bench.tolerance is None)
     bench = draw(next(seeds), causes=(), layout="bench-5r", poses=40).bench

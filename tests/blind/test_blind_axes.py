@@ -111,7 +111,7 @@ def hidden() -> list[AssessedAxis]:
     return found
 
 
-def test_where_nothing_is_hidden_no_more_is_found_than_declared(clean: list[AssessedAxis]) -> None:
+def test_without_hidden_effects_false_alarms_stay_within_the_declared_rate(clean: list[AssessedAxis]) -> None:
     alarms = [one for one in clean if one.found or one.decided.noisy or one.decided.noise_dependences]
     assert len(clean) - len(alarms) >= fewest_of(len(clean), 1.0 - DECLARED)
 

@@ -44,7 +44,7 @@ def assessed(tmp_path_factory: pytest.TempPathFactory) -> list[Assessed]:
     return run_all([_write(names, number, home / f"blind-{number}") for number, names in enumerate(_drawn())], 1)
 
 
-def test_where_nothing_is_hidden_a_search_of_everything_finds_no_more_than_chance(
+def test_without_hidden_effects_a_full_search_finds_no_more_than_chance(
     assessed: list[Assessed],
 ) -> None:
     plain = [one for one in assessed if not one.hidden]

@@ -234,7 +234,7 @@ def test_an_entry_that_leads_to_no_photograph(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "deep.png", "deep.tif"])
-def test_what_ends_early_or_is_damaged_is_refused_and_never_half_read(tmp_path, name):
+def test_truncated_or_damaged_photographs_are_refused(tmp_path, name):
     path = saved(
         tmp_path / name, np.tile(GREY, (4, 4)) if "deep" not in name else np.tile(GREY, (4, 4)) * np.uint16(257)
     )

@@ -96,7 +96,7 @@ def test_the_probability_of_one_of_two_holds_next_to_the_other(both: Round) -> N
     assert 0.05 < choice.probability < 0.95  # its twin has the rest
 
 
-def test_where_one_effect_is_there_the_rivals_are_those_that_explain_it_alone() -> None:
+def test_rivals_of_a_single_effect_are_those_that_explain_it_alone() -> None:
     designs = {"own": _design(COURSES[0], 0), "twin": _design(COURSES[0] + 0.02 * COURSES[2], 0)}
     designs["other"] = _design(COURSES[1], 1)
     choice = choose(_round(designs, {"own": 12.0}, ()), set(), LEVEL)

@@ -143,7 +143,7 @@ def test_workers_end_with_the_process_that_asked_for_work(number: signal.Signals
         assert len(list(tmp_path.glob("tidied-*"))) == 2
 
 
-def test_where_no_scheduler_answers_the_environment_is_to_blame(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_scheduler_is_a_problem_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("truing.pipeline.executor._SECONDS_TO_ANSWER", 0.3)
     with pytest.raises(EnvironmentProblem, match=r"tcp://127\.0\.0\.1:9: no scheduler with a worker answers"):
         list(results(work.square, range(2), Workforce(scheduler="tcp://127.0.0.1:9"), lost))

@@ -106,7 +106,7 @@ def test_x_of_an_autocollimator_is_the_deviation_of_a_rotary_axis(tmp_path: Path
         ("/PROG  CALIB\n/POS", "P[{}]{{\n   GP1:\n\tX = {}.5 mm,\tY = 0.0 mm\n}};", "FANUC"),
     ],
 )
-def test_what_is_not_read_is_reported_with_its_reason(tmp_path: Path, head: str, cell: str, word: str) -> None:
+def test_unread_files_are_reported_with_the_reason(tmp_path: Path, head: str, cell: str, word: str) -> None:
     _write(tmp_path / "one.csv", [head, *(cell.format(k, 3 * k) for k in range(12))])
     printed, _ = init(tmp_path)
     assert word in printed

@@ -130,7 +130,7 @@ def test_only_the_scripts_of_the_page_may_run(page):
     assert "'unsafe-inline'" not in said.split("script-src")[1].split(";")[0]
 
 
-def test_what_scripts_read_cannot_end_their_element_nor_begin_a_comment():
+def test_embedded_data_cannot_end_the_script_element_nor_begin_a_comment():
     hostile = "</script><!-- <script> & \u2028\u2029 \" '"
     text = embedded({"name": [hostile]})
     assert not set("<>&\u2028\u2029") & set(text)

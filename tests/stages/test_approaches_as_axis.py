@@ -98,7 +98,7 @@ def test_a_wave_of_the_screw_is_named_with_its_period() -> None:
     assert own.cause.period == pytest.approx(0.037, rel=0.05)  # type: ignore[attr-defined]
 
 
-def test_where_nothing_is_hidden_no_more_is_found_than_declared() -> None:
+def test_without_hidden_effects_false_alarms_stay_within_the_declared_rate() -> None:
     clean = [_diagnosed(Axis().measured(np.random.default_rng([9, number]))) for number in range(16)]
     quiet = [one for one in clean if not _found(one) and not one.noisy]
     assert len(quiet) >= fewest_of(len(clean), 0.95)

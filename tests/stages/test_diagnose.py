@@ -183,7 +183,7 @@ def test_every_cause_has_its_row_and_the_found_ones_come_first(linear: Diagnosed
     assert all(row["follows"] for row in linear.rows if row["cause"] == "unexplained")
 
 
-def test_where_no_pose_is_held_out_blocks_are_left_out_in_turn(tmp_path: Path) -> None:
+def test_without_held_out_poses_blocks_are_left_out_in_turn(tmp_path: Path) -> None:
     rng = np.random.default_rng(46)
     layout = Layout(name="fitted", targets=Targets(base=8, platform=7, per_leg=3))
     moves = [at_rest(), *random_moves(24, 0, rng)]

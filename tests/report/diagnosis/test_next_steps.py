@@ -155,7 +155,7 @@ def test_a_search_that_was_ended_asks_for_what_shows_the_cause_that_was_next() -
 
 
 @pytest.mark.parametrize("cause", ["target-moved", "unexplained", "of-a-lab"])
-def test_where_words_hang_on_more_than_the_name_of_the_cause_one_thing_changes_at_a_time(cause: str) -> None:
+def test_for_causes_with_inputs_the_next_step_changes_one_input_at_a_time(cause: str) -> None:
     ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
     ended = ended.assign(search_end="most-causes", left_cause=cause, left_subject="target B1")
     (reported,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]

@@ -207,7 +207,7 @@ def test_flexures_are_straight_where_the_machine_stands_at_its_reference_and_not
     assert_close(found.R, expected.R, atol=1e-12, what="rotation")
 
 
-def test_where_flexures_are_straight_follows_the_geometry_in_derivative_too() -> None:
+def test_derivatives_by_geometry_include_the_reference_directions_of_flexures() -> None:
     rng = np.random.default_rng(10)
     model = sample_model(rng, 3, (FlexureShift(), LINEAR))
     shared, local = 0.3 * rng.standard_normal(model.shared_size), 0.3 * rng.standard_normal((3, model.local_size))

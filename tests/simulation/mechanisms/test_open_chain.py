@@ -241,7 +241,9 @@ def test_a_search_that_was_ended_says_so_and_what_is_left(monkeypatch: pytest.Mo
     assert (row["left_cause"], row["left_subject"]) == ("joint-gain", "joint2")
 
 
-def test_where_nothing_real_is_left_no_limit_ends_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_without_real_candidates_is_complete_beyond_the_limit_of_causes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 1)
     assert diagnosed(2e-4).end.is_complete
 

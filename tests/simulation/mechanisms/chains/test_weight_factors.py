@@ -150,7 +150,7 @@ def test_causes_by_declared_weights_contest_a_factor_and_are_contested_by_it() -
     assert contested_causes(steps[:1]) == contested_causes(steps[1:]) == set()  # type: ignore[arg-type]
 
 
-def test_what_was_accepted_after_a_contested_form_is_contested_too() -> None:
+def test_causes_accepted_after_a_contested_form_are_contested_too() -> None:
     causes = (JointCompliance("j1"), JointCompliance("j2"), JointCompliance("j3"))
     steps = [SimpleNamespace(cause=cause, is_contested=cause.joint == "j2") for cause in causes]
     assert contested_causes(steps) == {causes[1].key, causes[2].key}  # type: ignore[arg-type]
