@@ -26,9 +26,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+
 def _listed(words: str) -> tuple[str, ...]:
     """Words of a comma-separated option."""
     return tuple(word.strip() for word in words.split(",") if word.strip())
+
 
 def _print_version(wanted: bool) -> None:
     if wanted:
@@ -36,6 +38,7 @@ def _print_version(wanted: bool) -> None:
 
         typer.echo(f"truing {__version__}")
         raise typer.Exit
+
 
 def _print_completion(shell: option.Shell | None) -> None:
     if shell is not None:
@@ -48,6 +51,7 @@ def _print_completion(shell: option.Shell | None) -> None:
         }  # a text is made, nothing is run
         typer.echo(get_completion_script(**names))
         raise typer.Exit
+
 
 @app.callback()
 def truing(
@@ -66,6 +70,7 @@ def truing(
     ] = None,
 ) -> None:
     """Find out what the simulation of a mechanism gets wrong, from measured points and readings."""
+
 
 @app.command(short_help="Run all stages that are not up to date; write the report.")
 def run(
@@ -111,6 +116,7 @@ def run(
     console = _console(quiet=quiet, json=json, verbose=verbose)
     raise typer.Exit(run_campaigns(campaigns, out, options, console, workforce=workforce(workers, scheduler)))
 
+
 @app.command(short_help="Run a campaign again whenever its files change.")
 def watch(
     campaign: option.OneCampaign,
@@ -141,6 +147,7 @@ def watch(
 
     _end(act, console=console, says_reason=not json)
 
+
 @app.command(short_help="Show whether each stage is fresh, stale or never run.")
 def stages(
     campaign: option.StagesCampaign = None,
@@ -163,6 +170,7 @@ def stages(
     else:
         _end(lambda: show_status(campaign, out, console, distrust=check), console=console)
 
+
 @app.command(short_help="Report all faults of campaigns without running them.")
 def check(campaigns: option.Campaigns, quiet: option.Quiet = False, json: option.Json = False) -> None:
     """Validate campaigns without running them: report all faults of campaign.toml and of the raw files.
@@ -175,6 +183,7 @@ def check(campaigns: option.Campaigns, quiet: option.Quiet = False, json: option
 
     console = _console(quiet=quiet, json=json)
     _end(*(lambda path=path: report_check(path, console) for path in campaigns), console=console)
+
 
 @app.command(short_help="Write a campaign.toml for the raw files of a folder.")
 def init(
@@ -198,6 +207,7 @@ def init(
 
     asked, console = asking() if ask and not (json or quiet) else None, _console(quiet=quiet, json=json)
     _end(lambda: init_campaign(folder, console, every_key=every_key, answers=answer or (), ask=asked), console=console)
+
 
 @app.command(short_help="Predict poses or readings with the extended model.")
 def predict(
@@ -229,6 +239,7 @@ def predict(
         return predict_file(model, inputs, out, console)
 
     _end(act, console=console)
+
 
 @app.command(short_help="Choose configurations that give the most information.")
 def design(
@@ -290,6 +301,7 @@ def design(
 
     _end(act, console=console)
 
+
 @app.command(short_help="Report the size of each effect that would be found.")
 def power(
     campaign: option.OneCampaign,
@@ -323,6 +335,7 @@ def power(
         return power_campaign(campaign, options, workforce(workers, scheduler), out, console)
 
     _end(act, console=console)
+
 
 @app.command(short_help="Choose camera stations; predict deviations of targets.")
 def plan(
@@ -364,6 +377,7 @@ def plan(
 
     _end(act, console=console)
 
+
 @app.command(short_help="Write the results of a run in other file formats.")
 def export(
     run: option.ExportRun,
@@ -392,6 +406,7 @@ def export(
 
     _end(act, console=console)
 
+
 @app.command(short_help="Show the verdict and the page of a run; print a PDF.")
 def report(
     run: option.ExportRun,
@@ -417,6 +432,7 @@ def report(
 
     _end(act, console=console)
 
+
 @app.command(short_help="Report which parameters of one machine have changed.")
 def compare(
     runs: option.CompareRuns,
@@ -441,11 +457,13 @@ def compare(
 
     _end(act, console=console)
 
+
 def _console(*, quiet: bool = False, json: bool = False, verbose: bool = False) -> RunConsole:
     """Output by the options."""
     from truing.pipeline.console import JsonConsole, RunConsole
 
     return JsonConsole() if json else RunConsole(quiet=quiet, verbose=verbose)
+
 
 def _end(*actions: Callable[[], ExitCode], console: RunConsole | None = None, says_reason: bool = True) -> None:
     """End the call with an exit code; the last line gives the reason of another code than 0."""

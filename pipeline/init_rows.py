@@ -38,12 +38,12 @@ def _rows_side_by_side(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
     """Return sentences on files that are not recognised, and have as many rows of a table as another file."""
     rows = {group.glob: _rows(group, guess) for group, guess in files if group.count == 1 and guess.columns}
     unread = [group.glob for group, guess in files if group.glob in rows and guess.table is None and not guess.known]
-    told: set[str] = set()
+    reported: set[str] = set()
     sentences = []
     for name in unread:
         alike = [other for other, count in rows.items() if other != name and count == rows[name] >= _FEWEST]
-        if alike and not {name, *alike} & told:
-            told |= {name, *alike}
+        if alike and not {name, *alike} & reported:
+            reported |= {name, *alike}
             sentences.append(
                 f"{name} and {alike[0]} have {rows[name]} rows each: if these belong together, put the columns of both "
                 f"into one file, and call truing init again"

@@ -30,7 +30,7 @@ NO_CHOICE = {
 NO_DRIVES = {"chain": "no drives named in [campaign]; the diagnosis tests the compliance of joints and links"}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
 NO_POINTS_TO_DIAGNOSE = (
-    "no points: causes are told apart by targets, and poses or scans have none; measured poses of an arm need "
+    "no points: targets distinguish causes, and poses or scans have none; measured poses of an arm need "
     '[mechanism] type = "chain"'
 )
 NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"

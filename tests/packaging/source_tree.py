@@ -8,9 +8,9 @@ from functools import cache
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
-ROOMS = ("schemas", "truing", "stages", "pipeline")  # from the ground up
+PACKAGES = ("schemas", "truing", "stages", "pipeline")  # from the ground up
 BESIDE = ("schemas", "stages", "pipeline")  # installed as packages of `truing`
-FOLDERS = (*ROOMS, "tests", "benchmarks", "docs", "examples", "requirements", "sample_data", ".ci", ".github")
+FOLDERS = (*PACKAGES, "tests", "benchmarks", "docs", "examples", "requirements", "sample_data", ".ci", ".github")
 TEXT = {"", ".cfg", ".css", ".html", ".jinja", ".js", ".md", ".py", ".toml", ".txt", ".yaml", ".yml"}
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.packaging.source_tree import PROJECT, ROOMS, imported_names, module_name, modules, within
+from tests.packaging.source_tree import PACKAGES, PROJECT, imported_names, module_name, modules, within
 
 _SCIENCE = tuple(module_name(path) for path in sorted((PROJECT / "truing").iterdir()) if path.name != "__init__.py")
 FORBIDDEN = {
@@ -72,8 +72,8 @@ def test_a_stage_knows_no_other_stage_no_path_and_no_command_line() -> None:
 def test_open3d_is_imported_in_one_place() -> None:
     importing = {
         path.relative_to(PROJECT).as_posix()
-        for room in ROOMS
-        for path in modules(room)
+        for package in PACKAGES
+        for path in modules(package)
         if climbing(path, ("open3d",)) or '"open3d")' in path.read_text(encoding="utf-8")
     }
     assert importing == {"truing/open3d_library.py"}

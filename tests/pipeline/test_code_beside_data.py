@@ -18,7 +18,7 @@ import pytest
 from tests.conftest import PROJECT
 from tests.cut_telescope import cut_telescope
 from tests.formats.test_other_formats import write_c3d
-from tests.packaging.source_tree import ROOMS
+from tests.packaging.source_tree import PACKAGES
 from tests.pipeline.test_plan_command import CAMPAIGN, TARGETS
 
 # As the script `truing` is: its own folder is the first on the path.
@@ -45,12 +45,14 @@ _STARTS_PROCESSES = ("multiprocessing", "subprocess", "ProcessPoolExecutor", "Lo
 
 @cache
 def _names() -> frozenset[str]:
-    """Every name that an import can have here: the standard library's, those of all that is installed, the rooms'."""
+    """Names that can be imported here: of the standard library, of installed packages, and of the project."""
     installed = importlib.metadata.packages_distributions()
     built = sysconfig._get_sysconfigdata_name()  # type: ignore[attr-defined]
     # what an editable installation leaves next to the packages is named in no list of theirs
     beside = (path.stem for folder in site.getsitepackages() for path in Path(folder).glob("*.py"))
-    return frozenset((*sys.stdlib_module_names, *installed, *beside, *ROOMS, "sitecustomize", "usercustomize", built))
+    return frozenset(
+        (*sys.stdlib_module_names, *installed, *beside, *PACKAGES, "sitecustomize", "usercustomize", built)
+    )
 
 
 def _plant(folder: Path, mark: Path) -> None:
@@ -132,8 +134,8 @@ def test_settings_of_numba_beside_the_data_say_nothing(tmp_path: Path) -> None:
     assert _python(["-c", program], tmp_path).stdout == "['', 0]\n"
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_modules_that_start_processes_use_child_processes(room: str) -> None:
-    sources = {path: path.read_text(encoding="utf-8") for path in (PROJECT / room).rglob("*.py")}
+@pytest.mark.parametrize("package", PACKAGES)
+def test_modules_that_start_processes_use_child_processes(package: str) -> None:
+    sources = {path: path.read_text(encoding="utf-8") for path in (PROJECT / package).rglob("*.py")}
     starts = [path for path, text in sources.items() if any(f"import {name}" in text for name in _STARTS_PROCESSES)]
     assert [path for path in starts if "truing.child_processes" not in sources[path]] == []

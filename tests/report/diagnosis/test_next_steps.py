@@ -181,7 +181,7 @@ def test_errors_beyond_noise_stand_beside_tests_that_all_passed() -> None:
 
 
 def test_noise_that_was_found_asks_for_repeats_once() -> None:
-    noise = row("unexplained", reason_code="noise", next_measurement="Measure one pose ten times over.", **NOISE)
+    noise = row("unexplained", reason_code="noise", next_measurement="Measure one pose ten times.", **NOISE)
     steps = _steps(_tables(noise, tests=adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))))
     (rival,) = [step for step in steps if step.need == Need.RIVAL]
     assert_says(rival.words, "one pose", "ten times")

@@ -297,8 +297,8 @@ def _miscount_probability(left: Array, noise: Array) -> Array:
     from scipy.special import ndtr
 
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = (np.pi - np.abs(left)) / noise
-    return np.asarray(ndtr(-np.where(np.isnan(room), 0.0, room)))
+        margin = (np.pi - np.abs(left)) / noise
+    return np.asarray(ndtr(-np.where(np.isnan(margin), 0.0, margin)))
 
 
 def misstep_probability(step: ArrayLike, sigma: ArrayLike) -> Array:

@@ -316,7 +316,7 @@ def misfit_figure(
     subtitle = _floor_line(figure, findings[-1].floor, unit, vertical=True)
     style(figure, "Errors of the predictions, cause by cause", subtitle, _AROUND + _ROW * len(stages))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
-    if max(map(len, stages)) > _LONG_NAME:  # next to longer names the bars would have no room
+    if max(map(len, stages)) > _LONG_NAME:  # longer names would leave no space for the bars
         lines = ["<br>".join(map(label, textwrap.wrap(html.unescape(stage), _LONG_NAME))) for stage in stages]
         figure.update_yaxes(tickmode="array", tickvals=stages, ticktext=lines)
     figure.update_xaxes(title_text=f"rms of measured − predicted ({unit})", rangemode="tozero")
