@@ -266,10 +266,10 @@ def design(
     """Choose configurations that give the most information for a calibration, and report their D-efficiency.
 
     A mechanism needs a [workspace]; measured poses are evaluated in the same way. For a force sensor, the command
-    chooses load steps within [loading] for the calibration matrix or, with --causes, further runs of loads that halve
-    the uncertainty of these causes. For an open chain, it chooses poses within the limits of the joints, and reports
-    what they and the measured poses show of geometry, joint zeros and causes. For a single axis, it chooses targets
-    within the travel that show scale error, lost motion and periodic errors.
+    chooses load steps within [loading] for the calibration matrix. With --causes, it chooses further runs that halve
+    the uncertainty of these causes. For an open chain, it chooses poses within the limits of the joints. It reports
+    what they and the measured poses show of geometry, zeros and causes. For a single axis, it chooses targets within
+    the travel that show scale error, lost motion and periodic errors.
 
     --accuracy, --uniqueness and --tolerances choose nothing. They write tables next to FILE (default:
     runs/<name>/accuracy.csv and so on) and a page, FILE.html.

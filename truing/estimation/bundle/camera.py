@@ -4,14 +4,15 @@ Frame of a camera: x to the right, y down, z forward, origin in the projection c
 x to the right and y down, the centre of the first pixel at (0, 0). The centre of the format is (x_centre,
 y_centre) = ((width - 1) / 2, (height - 1) / 2). A point at (X, Y, Z) in the camera's frame appears at (x, y):
 
-    xi = c X / Z                  eta = c Y / Z                 r^2 = xi^2 + eta^2
-    radial = A1 (r^2 - R0^2) + A2 (r^4 - R0^4) + A3 (r^6 - R0^6)
-    x = x_centre + x0 + xi  + xi  radial + B1 (r^2 + 2 xi^2)  + 2 B2 xi eta + C1 xi + C2 eta
-    y = y_centre + y0 + eta + eta radial + B2 (r^2 + 2 eta^2) + 2 B1 xi eta.
+    xi = c X / Z,   eta = c Y / Z,   r^2 = xi^2 + eta^2;
+    radial = A1 (r^2 - R0^2) + A2 (r^4 - R0^4) + A3 (r^6 - R0^6);
+    dx = B1 (r^2 + 2 xi^2) + 2 B2 xi eta,   dy = B2 (r^2 + 2 eta^2) + 2 B1 xi eta;
+    x = x_centre + x0 + xi (1 + radial + C1) + C2 eta + dx;
+    y = y_centre + y0 + eta (1 + radial) + dy.
 
-Brown (1971), with affinity C1 and shear
-C2. Balanced radial distortion as in Luhmann et al., Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3.
-All functions take one point per row. Image coordinates are analytic, so complex steps differentiate them.
+The model is that of Brown (1971), with affinity C1 and shear C2. Balanced radial distortion is as in Luhmann et al.,
+Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3. All functions take one point per row. Image
+coordinates are analytic, so complex steps differentiate them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,6 @@ PARAMETERS = ("c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 UNITS = ("px", "px", "px", "px^-2", "px^-4", "px^-6", "px^-1", "px^-1", "1", "1")
 _ROUNDS = 30  # iterations of Newton's method
 _SETTLED_PX = 1e-9
-
 
 @dataclass(frozen=True)
 class Camera:
@@ -47,7 +47,6 @@ class Camera:
         """Centre (2,) of the format in pixels."""
         return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
 
-
 def image_coordinates(interior: NDArray, centre: NDArray, radius: NDArray, X: NDArray) -> NDArray:
     """Return image coordinates (N, 2) in px of points X (N, 3) in camera axes.
 
@@ -60,7 +59,6 @@ def image_coordinates(interior: NDArray, centre: NDArray, radius: NDArray, X: ND
     x = x0 + xi * radial + b1 * (s + 2 * xi * xi) + 2 * b2 * xi * eta + c1 * xi + c2 * eta
     y = y0 + eta * radial + b2 * (s + 2 * eta * eta) + 2 * b1 * xi * eta
     return centre + np.stack([x, y], -1)
-
 
 def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]:
     """Return the derivatives of image coordinates by X (N, 2, 3) and by the interior (N, 2, 10)."""
@@ -78,7 +76,6 @@ def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]
     of_y = [yx * u + yy * v, none, unit, *(eta * p for p in powers), 2 * xi * eta, s + 2 * eta * eta, none, none]
     return by_direction, np.stack([np.stack(of_x, -1), np.stack(of_y, -1)], 1)
 
-
 def _slopes(interior: Array, radius: Array, xi: Array, eta: Array) -> tuple[Array, Array, Array, Array]:
     """Return the derivatives dx/dxi, dx/deta, dy/dxi, dy/deta (N,) of the distortion."""
     _, _, _, a1, a2, a3, b1, b2, c1, c2 = interior.T
@@ -89,7 +86,6 @@ def _slopes(interior: Array, radius: Array, xi: Array, eta: Array) -> tuple[Arra
     xx = radial + slope * xi * xi + 6 * b1 * xi + 2 * b2 * eta + c1
     yy = radial + slope * eta * eta + 6 * b2 * eta + 2 * b1 * xi
     return xx, mixed + 2 * b1 * eta + 2 * b2 * xi + c2, mixed + 2 * b2 * xi + 2 * b1 * eta, yy
-
 
 def directions(cameras: Sequence[Camera], interior: Array, camera: Index, xy_px: Array) -> Array:
     """Return X/Z and Y/Z (N, 2) of image points xy_px (N, 2), each with its camera number (N,).
