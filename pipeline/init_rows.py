@@ -63,8 +63,8 @@ def _rows_that_differ(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
         return []
     rows_by_group = {group.glob: _rows(group, guess) for group, guess in counted if guess.table in ("poses", "points")}
     return [
-        f"{name} has {count} rows, {logs[0][0].glob} has {rows}, and nothing tells which belong together: give both a "
-        f"column pose, or times of which one difference of the clocks makes pairs"
+        f"{name} has {count} rows, {logs[0][0].glob} has {rows}, and no column relates them: give both a column "
+        f"pose, or times of clocks that differ by a constant"
         for name, count in rows_by_group.items()
         if count not in (0, rows)
     ]

@@ -347,8 +347,8 @@ class CalibrationSection(Section):
 
     deformation: Literal["z", "in-plane"] = Field(
         "z",
-        description="z: shifts of the attachments along z of the platform; in-plane: one more model, which also takes "
-        "up the measured shifts along x and y (deformation in-plane in the tables)",
+        description="z: shifts of the attachments along z of the platform; in-plane: an additional model that "
+        "includes the measured shifts along x and y (deformation in-plane in the tables)",
     )
 
 

@@ -175,7 +175,7 @@ def test_a_cut_signal_is_not_frozen_and_a_still_one_is() -> None:
     assert [one.run for one in frozen(load, run, still, matrix, np.array([np.nan]))] == [0]
 
 
-def test_equal_numbers_tell_a_copy_only_where_noise_would_have_shown() -> None:
+def test_equal_numbers_show_a_copy_only_where_noise_would_have_shown() -> None:
     rng = np.random.default_rng(2)
     load = np.zeros((40, 6))
     load[:, 0] = np.tile(np.linspace(-1.0, 1.0, 20), 2)

@@ -100,7 +100,7 @@ def test_two_slips_at_once_are_both_named(files: Files, tmp_path: Path) -> None:
     assert {"unit", "columns-exchanged"} <= kinds
 
 
-def test_the_command_line_tells_a_slip_before_and_in_a_run(files: Files, tmp_path: Path) -> None:
+def test_the_command_line_reports_a_slip_before_and_in_a_run(files: Files, tmp_path: Path) -> None:
     slipped = copy.deepcopy(files)
     slipped.configurations[slipped.rho] *= 1e-3
     folder = write_files(slipped, tmp_path / "c")

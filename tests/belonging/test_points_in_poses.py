@@ -143,7 +143,7 @@ def test_a_gross_error_within_a_stretch_does_not_split_it() -> None:
 
 @pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4])
 def test_a_survey_on_a_grid_is_not_taken_for_rounded_points(step: float) -> None:
-    """Drawing numbers: targets stand where they were made, up to a tenth of a step or at random within it."""
+    """Targets lie on the grid of the drawing, up to a tenth of a step, or at random within it."""
     for made in (0.1, 0.5):
         for seed in range(4):
             body = _body(seed)

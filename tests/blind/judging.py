@@ -318,7 +318,7 @@ def _one_thread() -> dict[str, str]:
 
 
 def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
-    """All that is judged of one run, as plain values."""
+    """Plain values of one run that are assessed."""
     import pyarrow.parquet as pq
 
     truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))

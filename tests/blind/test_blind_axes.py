@@ -127,7 +127,7 @@ def test_clear_errors_are_named_with_their_subject_among_those_reported(hidden: 
     assert len(named) >= fewest_of(len(hidden), 0.99)
 
 
-def test_nothing_is_found_beside_what_was_hidden_more_often_than_declared(hidden: list[AssessedAxis]) -> None:
+def test_nothing_is_found_next_to_what_was_hidden_more_often_than_declared(hidden: list[AssessedAxis]) -> None:
     alone = [one for one in hidden if len(one.found) == 1]
     assert len(alone) >= fewest_of(len(hidden), 1.0 - DECLARED)
 

@@ -50,7 +50,7 @@ def test_errors_fall_with_everything_that_is_found(assessed: list[Assessed]) -> 
     assert {one.name: one.unpaid for one in assessed if one.unpaid} == {}
 
 
-def test_nothing_is_found_for_sure_beside_what_was_hidden(assessed: list[Assessed]) -> None:
+def test_nothing_is_found_for_sure_next_to_what_was_hidden(assessed: list[Assessed]) -> None:
     own = {effect.cause for effect in assessed[1].hidden}
     beside = [row for row in assessed[1].record["findings"] if row["verdict"] == "found" and row["cause"] not in own]
     assert all(row["p_value"] >= UNLUCKY for row in beside), rates.summary(assessed[1])

@@ -66,7 +66,7 @@ def test_errors_fall_with_everything_that_is_found(assessed: list[Assessed]) -> 
     assert {one.name: one.unpaid for one in assessed if one.unpaid} == {}
 
 
-def test_nothing_is_found_for_sure_beside_what_was_hidden(assessed: list[Assessed]) -> None:
+def test_nothing_is_found_for_sure_next_to_what_was_hidden(assessed: list[Assessed]) -> None:
     wrong = [rates.summary(one) for one in assessed if one.hidden and one.invented and _is_sure(one)]
     assert not wrong
 

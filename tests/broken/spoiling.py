@@ -44,7 +44,7 @@ def appended(file: str, text: str) -> Spoil:
 
 
 def replaced(file: str, old: str, new: str, times: int = 1) -> Spoil:
-    """Replace a text that stands in a file."""
+    """Replace a text in a file."""
     return lambda folder: replace_text(folder / file, old, new, times)
 
 

@@ -87,7 +87,7 @@ def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
     assert 0.4 < share < 0.65
 
 
-def test_poses_that_were_fitted_to_count_no_more_beside_further_ones() -> None:
+def test_poses_that_were_fitted_to_count_no_more_next_to_further_ones() -> None:
     (_, _, both), (_, _, alone) = _undecided(), _undecided(spare=8)
     assert both.more_poses is not None
     assert alone.more_poses == both.more_poses + 8

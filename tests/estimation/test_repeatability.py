@@ -95,7 +95,7 @@ def test_figures_are_independent_of_place_and_direction_and_proportional_to_size
 
 @pytest.mark.parametrize("count", [5, 30])
 @pytest.mark.slow
-def test_intervals_hold_what_a_long_test_gives(count):
+def test_intervals_contain_the_values_of_a_long_test(count):
     spread, draws = np.diag([1.0, 0.5, 0.2]), 200
     rng = np.random.default_rng(count)
     distance = np.linalg.norm(rng.standard_normal((200000, 3)) @ spread, axis=1)

@@ -59,7 +59,7 @@ def test_the_group_that_scatters_and_its_size_are_found() -> None:
     assert_between(float(np.mean(pulls)), -3.0 / np.sqrt(40), 3.0 / np.sqrt(40), what="mean pull of the factor")
 
 
-def test_the_scatter_of_an_input_is_found_beside_others_that_move_the_observations_alike() -> None:
+def test_the_scatter_of_an_input_is_found_next_to_others_that_move_the_observations_alike() -> None:
     """Two inputs move the observations nearly alike, and the one that scatters is known a hundred times better."""
     rng, epochs, strength = np.random.default_rng(5), 60, 1.6
     candidates = [ScatterCandidate(SimpleNamespace(), np.arange(INPUTS) == own, True) for own in range(INPUTS)]  # type: ignore[type-var]

@@ -47,7 +47,7 @@ def climbing(path: Path, forbidden: tuple[str, ...]) -> list[str]:
 
 
 @pytest.mark.parametrize("folder", FORBIDDEN)
-def test_no_module_imports_what_lies_above_or_beside_it(folder: str) -> None:
+def test_no_module_imports_what_lies_above_or_next_to_it(folder: str) -> None:
     # `python -m truing` is the command line
     own = [path for path in modules(folder) if path != PROJECT / "truing" / "__main__.py"]
     faults = {module_name(path): climbing(path, FORBIDDEN[folder]) for path in own}

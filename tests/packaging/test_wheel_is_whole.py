@@ -86,7 +86,7 @@ def test_the_wheel_has_the_metadata_of_the_project(built: Path) -> None:
     assert "truing = truing.pipeline.entry:main" in commands
 
 
-def test_the_source_archive_builds_and_tells_of_its_changes(built: Path) -> None:
+def test_the_source_archive_builds_and_has_its_changes(built: Path) -> None:
     with tarfile.open(built / f"truing-{truing.__version__}.tar.gz") as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert {"pyproject.toml", "LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff", "truing/py.typed"} <= names

@@ -93,7 +93,7 @@ class Photographed:
     calibrated_mm: Array
 
     def camera_of(self, station: int) -> Lens:
-        """The lens that stands at a station."""
+        """The lens at a station."""
         return self.shooting.lenses[station % len(self.shooting.lenses)]
 
 

@@ -46,9 +46,8 @@ class SurveyMeasure(RayMeasure):
         return float(np.linalg.norm(shift - shared / scale @ best))
 
     def _against_survey(self, plain: Photographed, changed: Photographed, pose: int) -> Array:
-        """Rows of one pose, free of its stations, of where its bodies stand and of bars' ends: by lenses, by the
-        survey and by bars' lengths, then the shift.
-        """
+        """Rows of one pose, free of its stations, the poses of its bodies and the ends of bars: by lenses, by the
+        survey and by bars' lengths, then the shift."""
         lenses, marks = plain.shooting.lenses, plain.campaign.marks
         station, point, shift = shift_of(plain, changed, pose)
         view, points = View(plain.views.turn[pose], plain.views.centre[pose]), plain.points[pose]

@@ -235,7 +235,7 @@ POINTS = """pose,body,target,x_mm,y_mm,z_mm
 
 @dataclass(frozen=True)
 class FakeProject:
-    """The tiny project, one campaign, and a folder to stand in."""
+    """The tiny project, one campaign, and a working folder."""
 
     root: Path
     campaign: Path

@@ -91,7 +91,7 @@ def _python(words: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_no_command_runs_code_that_lies_beside_the_data(planted: Path, workplace: Path) -> None:
+def test_no_command_runs_code_that_lies_next_to_the_data(planted: Path, workplace: Path) -> None:
     run = str(shutil.copytree(workplace / "runs" / "telescope", planted / "run"))
     many = ["run", ".", "../two", "--only", "ingest", "--quiet", "--workers", "2"]
     calls = {
@@ -126,7 +126,7 @@ def test_python_m_leaves_the_current_folder_where_the_command_begins(package: st
     assert (tmp_path / "mark").read_text() == "typer"  # which is run where nothing prevents it
 
 
-def test_settings_of_numba_beside_the_data_say_nothing(tmp_path: Path) -> None:
+def test_settings_of_numba_next_to_the_data_say_nothing(tmp_path: Path) -> None:
     """They name, among other things, the folder that compiled code is loaded from."""
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: .\ndisable_jit: 1\n")
     reading = "numba.core.config as c; print([c.CACHE_DIR, c.DISABLE_JIT])"

@@ -114,7 +114,7 @@ def test_an_interrupted_call_shows_what_it_has(measured: Path, tmp_path: Path, m
 def test_theory_is_reported_first_and_each_round_narrows_the_sizes(
     measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Before any campaign is simulated the sizes by theory stand there; then each round replaces tables and page."""
+    """The sizes by theory come before any simulated campaign; then each round replaces tables and page."""
     out, counted = tmp_path / "power.parquet", list[int]()
 
     def watched(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:

@@ -136,8 +136,8 @@ def test_every_other_command_writes_where_it_says(places: Path, workplace: Path)
     assert not list(places.rglob("*.part"))
 
 
-def test_compiled_code_is_kept_beside_its_source_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not in the home of whoever runs what an administrator has installed."""
+def test_compiled_code_is_kept_next_to_its_source_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The user's home folder is not used for an installation by an administrator."""
     from truing.compiled_code import compiled
 
     def same(value: float) -> float:

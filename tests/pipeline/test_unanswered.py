@@ -77,7 +77,7 @@ def test_guesses_are_marked_and_reported_until_the_remark_is_gone(
     assert not any("guess" in one for one in answered(tmp_path, (line, "")).attention)
 
 
-def test_noise_that_the_signals_of_an_interferometer_tell_themselves_is_not_asked_for(tmp_path: Path) -> None:
+def test_noise_that_the_signals_of_an_interferometer_show_themselves_is_not_asked_for(tmp_path: Path) -> None:
     assert "needed" not in started(tmp_path, log=PHASES).split("[", 1)[1]
     assert not any("standard deviation" in one for one in answered(tmp_path).attention)
 

@@ -79,7 +79,7 @@ def _part(text: str, heading: str) -> str:
 
 
 def _rows(text: str, count: int) -> Iterator[list[float]]:
-    """Lines that hold so many numbers and nothing else."""
+    """Lines that hold the given number of numbers and nothing else."""
     for line in text.splitlines():
         words = line.split()
         if len(words) == count and all(_NUMBER.fullmatch(word) for word in words):

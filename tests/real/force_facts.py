@@ -100,7 +100,7 @@ def optical(tables: Tables) -> dict[str, Any]:
 
 
 def _random_rows(signals: NDArray, loads: NDArray, model: CalibrationModel) -> list[float]:
-    """Errors of a fifth of the rows, drawn at random, by a fit to the others: as the authors judged theirs."""
+    """Errors of a fifth of the rows, drawn at random, by a fit to the others, as the authors tested theirs."""
     part = np.random.default_rng(20).permutation(len(loads)) % 5
     miss = np.empty_like(loads)
     for fifth in range(5):

@@ -88,7 +88,7 @@ class Browser:
         self._log.close()
 
     def ask(self, method: str, session: str = "", **parameters: Any) -> dict[str, Any]:
-        """Send one command and wait for its answer; what the browser tells meanwhile is kept in ``events``."""
+        """Send one command and wait for its answer; other messages of the browser are kept in ``events``."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         if session:
@@ -145,7 +145,7 @@ class Page:
         return self._browser.ask(method, self._session, **parameters)
 
     def resize(self, width: int, height: int) -> None:
-        """Give the page a view of so many px, as a screen of that size has it."""
+        """Give the page a view of the given size in px."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
         self.ask("Emulation.setDeviceMetricsOverride", **size)
 

@@ -9,7 +9,7 @@ from truing.report.wordings.chain_wordings import CHAIN
 from truing.report.wordings.claim import Claim, ParameterSize
 
 
-def test_a_compliance_names_links_whose_centres_of_mass_are_fitted_beside_it() -> None:
+def test_a_compliance_names_links_whose_centres_of_mass_are_fitted_next_to_it() -> None:
     parts = ["upper arm x", "upper arm z", "tip z"]
     clause = CHAIN["joint-compliance"].clause
     fitted = clause(Claim(cause="joint-compliance", subject="joint j2", settings={"parts": parts, "free": True}))

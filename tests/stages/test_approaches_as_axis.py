@@ -171,7 +171,7 @@ def test_a_cause_of_an_axis_can_be_ignored() -> None:
     assert "lost-motion" not in {verdict.cause.id for verdict in diagnosis.verdicts}
 
 
-def test_positions_beside_readings_are_no_axis_alone() -> None:
+def test_positions_next_to_readings_are_no_axis_alone() -> None:
     table = Axis().measured(np.random.default_rng(1))
     assert has_only_approaches({"positions": table})
     assert not has_only_approaches({"positions": table, "readings": table})

@@ -132,7 +132,7 @@ def _courses(layout: AxisLayout, hidden: tuple[Hidden, ...], rng: np.random.Gene
 
 
 def _temperature(count: int, rng: np.random.Generator) -> Array:
-    """A room that follows the sun and a heater, read to a hundredth of a degree."""
+    """Room temperature that follows the sun and a heater, read to a hundredth of a degree."""
     share = np.arange(count) / count
     sun = np.sin(2.0 * np.pi * (rng.uniform(0.5, 3.0) * share + rng.uniform()))
     heater = 0.3 * np.sign(np.sin(2.0 * np.pi * (rng.uniform(4.0, 9.0) * share + rng.uniform())))

@@ -109,7 +109,7 @@ def measured(
     setting: Setting,
     stream: Mapping[str, np.random.Generator],
 ) -> Campaign:
-    """The instrument's step: what is written down of a machine that stands where it does, and the truth."""
+    """Return the records of the instruments for a machine in its true poses, and the truth."""
     exact = exact_points(machine, body_poses, setting.marks)
     recorded, scatter = exact, np.ones(exact.shape[:2])
     for effect in effects:

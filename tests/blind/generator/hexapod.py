@@ -58,7 +58,7 @@ def _on_circle(radius: float, angle: Array) -> Array:
 def random_places(
     calibration: int, verification: int, rng: np.random.Generator, position_mm: float = 25.0, turn_deg: float = 6.0
 ) -> list[Place]:
-    """Places drawn evenly from a box about the home; those held out from one of half its size."""
+    """Places drawn evenly from a box about the reference; held-out ones from a box of half its size."""
     reach = np.array([1.0] * calibration + [0.5] * verification)[:, None]
     shift = position_mm * reach * rng.uniform(-1.0, 1.0, (len(reach), 3))
     turn = np.deg2rad(turn_deg) * reach * rng.uniform(-1.0, 1.0, (len(reach), 3))

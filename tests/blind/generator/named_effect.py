@@ -36,7 +36,7 @@ class NamedEffect:
 
 
 def as_record(effect: NamedEffect) -> dict[str, object]:
-    """The effect as it stands in the file of truths."""
+    """Record of the effect in the file of truths."""
     values = {name: {"value": value, "unit": unit} for name, (value, unit) in effect.parameters().items()}
     reported = {"cause": effect.id, "subject": effect.subject, "parameters": values}
     if effect.id == "unexplained":

@@ -63,7 +63,7 @@ def standardised(inputs: Array) -> Array:
 
 
 def random_walk(count: int, seed: int) -> Array:
-    """A walk (count,) with steps at random, smoothed over three of them, at most 1: what nobody wrote down."""
+    """A random walk (count,), smoothed over three steps, at most 1: an unrecorded quantity."""
     steps = np.convolve(np.random.default_rng(seed).normal(size=count + 2), np.ones(3) / 3, "valid")
     walk = np.cumsum(steps)
     walk -= walk.mean()

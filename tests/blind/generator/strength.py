@@ -115,7 +115,7 @@ def _weight(campaign: Campaign) -> Array:
 
 
 def _pus(campaign: Campaign) -> tuple[Array, Array, Array]:
-    """Columns of a pose's own unknowns (N, R, P), of the common ones (N, R, S), and rows that tell only of these."""
+    """Columns of a pose's own unknowns (N, R, P), of the common ones (N, R, S), and rows that contain only these."""
     marks, truth = campaign.marks, campaign.truth
 
     def points(built: Geometry, drho: Array) -> tuple[Array, BodyPoses]:

@@ -103,7 +103,7 @@ def test_scatter_that_a_fit_learned_from_its_residuals_is_not_called_noise(table
         assert_says(sentence, "% of the largest load")
 
 
-def test_gross_readings_stand_among_what_was_left_out(tables):
+def test_gross_readings_are_among_what_was_left_out(tables):
     section = excluded(tables)
     count = int(tables["reading_residuals"]["rejected"].sum())
     assert f"{count} reading" in section.lead

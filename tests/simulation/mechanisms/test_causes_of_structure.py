@@ -67,7 +67,7 @@ STACKED = (
 
 
 class LowerJointsFollowHeight(PointCause):
-    """A cause of nobody's catalogue that says nothing of what it reads, but of course reads everything."""
+    """A cause outside the catalogue without declared inputs, which may read all of them."""
 
     id = "lower-joints-follow-everything"
     step = Step.STRUCTURE

@@ -194,7 +194,7 @@ def test_unknowns_and_geometry_are_two_ways_to_say_the_same(model: MechanismMode
     assert_close(back[kept], shared[kept], atol=1e-9, what="unknowns, prior sigmas")
 
 
-def test_flexures_are_straight_where_the_machine_stands_at_its_reference_and_not_where_its_drawing_does() -> None:
+def test_flexures_are_straight_at_the_reference_of_the_machine_and_not_of_its_drawing() -> None:
     model = sample_model(np.random.default_rng(8), 5, (FlexureShift(),))
     shared, local = np.zeros(model.shared_size), np.zeros((5, model.local_size))
     for name in ("a", "b", "l"):

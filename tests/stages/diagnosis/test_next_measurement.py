@@ -239,7 +239,7 @@ def test_without_a_workspace_they_lie_where_was_measured(case: Case, settings: C
     assert (found <= measured.max(0) + 1e-6).all()
 
 
-def test_rivals_that_no_pose_tells_apart_are_reported(settings: Campaign) -> None:
+def test_rivals_that_no_pose_distinguishes_are_reported(settings: Campaign) -> None:
     """A gain and a deformation differ only in where the attachments are: here no target sits on any."""
     rng = np.random.default_rng(12)
     model, _ = _plain(rng, {"time_s": np.linspace(0.0, SPAN_S, POSES)})

@@ -111,7 +111,9 @@ def test_a_leg_that_was_exchanged_is_named(home: Path, earlier: str) -> None:
     # A leg that stands upright on its actuator is as well longer as it stands higher.
     named = {name: row["instead"] for name, row in rows.items() if row["changed"]}
     assert named in ({"l5": "a_z5"}, {"a_z5": "l5"})
-    assert set(begun.left_out.removeprefix("what first knew of ").removesuffix(", changed since").split(" or ")) == {
+    assert set(
+        begun.left_out.removeprefix("information of first on ").removesuffix(", which changed since").split(" or ")
+    ) == {
         "l5",
         "a_z5",
     }

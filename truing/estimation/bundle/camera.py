@@ -30,6 +30,7 @@ UNITS = ("px", "px", "px", "px^-2", "px^-4", "px^-6", "px^-1", "px^-1", "1", "1"
 _ROUNDS = 30  # iterations of Newton's method
 _SETTLED_PX = 1e-9
 
+
 @dataclass(frozen=True)
 class Camera:
     """One camera: name, format in pixels, balancing radius R0 in pixels (0: unbalanced), pixel pitch in m if known, and
@@ -47,6 +48,7 @@ class Camera:
         """Centre (2,) of the format in pixels."""
         return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
 
+
 def image_coordinates(interior: NDArray, centre: NDArray, radius: NDArray, X: NDArray) -> NDArray:
     """Return image coordinates (N, 2) in px of points X (N, 3) in camera axes.
 
@@ -59,6 +61,7 @@ def image_coordinates(interior: NDArray, centre: NDArray, radius: NDArray, X: ND
     x = x0 + xi * radial + b1 * (s + 2 * xi * xi) + 2 * b2 * xi * eta + c1 * xi + c2 * eta
     y = y0 + eta * radial + b2 * (s + 2 * eta * eta) + 2 * b1 * xi * eta
     return centre + np.stack([x, y], -1)
+
 
 def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]:
     """Return the derivatives of image coordinates by X (N, 2, 3) and by the interior (N, 2, 10)."""
@@ -76,6 +79,7 @@ def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]
     of_y = [yx * u + yy * v, none, unit, *(eta * p for p in powers), 2 * xi * eta, s + 2 * eta * eta, none, none]
     return by_direction, np.stack([np.stack(of_x, -1), np.stack(of_y, -1)], 1)
 
+
 def _slopes(interior: Array, radius: Array, xi: Array, eta: Array) -> tuple[Array, Array, Array, Array]:
     """Return the derivatives dx/dxi, dx/deta, dy/dxi, dy/deta (N,) of the distortion."""
     _, _, _, a1, a2, a3, b1, b2, c1, c2 = interior.T
@@ -86,6 +90,7 @@ def _slopes(interior: Array, radius: Array, xi: Array, eta: Array) -> tuple[Arra
     xx = radial + slope * xi * xi + 6 * b1 * xi + 2 * b2 * eta + c1
     yy = radial + slope * eta * eta + 6 * b2 * eta + 2 * b1 * xi
     return xx, mixed + 2 * b1 * eta + 2 * b2 * xi + c2, mixed + 2 * b2 * xi + 2 * b1 * eta, yy
+
 
 def directions(cameras: Sequence[Camera], interior: Array, camera: Index, xy_px: Array) -> Array:
     """Return X/Z and Y/Z (N, 2) of image points xy_px (N, 2), each with its camera number (N,).

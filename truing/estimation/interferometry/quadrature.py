@@ -42,7 +42,7 @@ _REMEDIES = {
     EllipseStatus.OK: "Nothing to do.",
     EllipseStatus.SHORT_ARC: "The signals trace too little of the ellipse to fix it: move through a whole fringe, or "
     "take the correction of another run of the same channel.",
-    EllipseStatus.FEW_SAMPLES: "Too few samples to tell the noise about the ellipse: take ten or more.",
+    EllipseStatus.FEW_SAMPLES: "Too few samples to estimate the noise about the ellipse: take ten or more.",
     EllipseStatus.NO_ELLIPSE: "The signals lie on no ellipse: look at the offsets, the gains and the wiring.",
 }
 

@@ -145,7 +145,7 @@ def _of_role(missed: _Missed) -> str:
 def _of_chance(errors: Overall) -> str:
     """Return the sentence on an error below the noise floor that no test calls significant."""
     if errors.freedom > 0.0:
-        return " The data are too few to tell whether this is chance."
+        return " There are too few data to decide whether this is chance."
     return " Whether this is chance was not tested."
 
 

@@ -49,7 +49,8 @@ class Bench:
 
 @dataclass(frozen=True)
 class Fit:
-    """A linear fit: ``white`` (N, R, R) whitens a pose's rows, ``basis`` (Q, C) spans what the fit takes up."""
+    """A linear fit: ``white`` (N, R, R) whitens a pose's rows, ``basis`` (Q, C) spans the space that the fit
+    absorbs."""
 
     bench: Bench
     reference: Seen

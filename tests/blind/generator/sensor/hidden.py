@@ -184,7 +184,7 @@ def _knocked(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 
 
 def _channel_of_six(campaign: Campaign, rng: np.random.Generator) -> int:
-    """A rotation that is watched: of a displacement alone nobody could tell it from fringes."""
+    """A measured rotation: a jump of a displacement alone could be slipped fringes."""
     return int(rng.choice([k for k in range(3, len(AXES)) if campaign.is_observed[:, k].any()]))
 
 

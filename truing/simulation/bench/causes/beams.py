@@ -123,7 +123,7 @@ class CosineError(ChannelCause):
         return (parameter, *super().reported(values, covariance, legs))
 
     def _are_observable(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
-        """Return whether a channel shows motion across it, alone and next to motion along it."""
+        """Observability in a channel of motion across it: alone, and next to motion along it."""
         steps, index = scene.steps, CHANNELS.index(channel)
         is_observed = scene.recorded[:, index]
         if is_observed.sum() < FEWEST_READINGS:
