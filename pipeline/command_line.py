@@ -14,7 +14,6 @@ from truing.pipeline.problems import ExitCode
 if TYPE_CHECKING:
     from truing.pipeline.console import RunConsole
 
-
 COMPLETE = "_TRUING_COMPLETE"  # set by the shell that asks for completions
 # Help without rich, because rich would delay it by a third of a second.
 app = typer.Typer(
@@ -90,12 +89,12 @@ def run(
 ) -> None:
     """Analyse campaigns: run all stages that are not up to date, and write the report.
 
-    Several campaigns run one after the other, each in its own folder; with --workers or --scheduler they run in
-    parallel, with the same results. The workers of a Dask cluster need the same files at the same paths. Photographs
-    of one campaign are measured on all cores, or in the number of processes given by --workers.
+    Several campaigns run one after the other, or in parallel with --workers or --scheduler. The workers of a Dask
+    cluster need the same files at the same paths. Photographs of one campaign are measured on all cores, or by as many
+    processes as --workers says.
 
     Several campaigns also leave runs/campaigns.html and runs/campaigns.parquet: the verdicts of all, the worst first.
-    A campaign that cannot be used is a row with its fault, and does not stop the others.
+    A campaign that cannot be used does not stop the others.
 
     Exit codes: 0 done; 1 defect of the software; 2 campaign cannot be used; 3 done, but a quality check failed;
     4 problem of the environment; 130 ended by Ctrl-C.
@@ -134,8 +133,8 @@ def watch(
     enough.
 
     Each round prints one line: whether the requirements are decided, and the next measurement. A page on this machine
-    alone shows the same, with quality checks and all verdicts. Files that are being written are waited for; faults are
-    reported, and the campaign is watched further. The command ends when the requirements are decided, or with Ctrl-C.
+    alone also shows quality checks and all verdicts. The command waits for files that are being written, and goes on
+    after faults. It ends when the requirements are decided, or with Ctrl-C.
 
     Example: truing watch my-campaign --interval 5
     """
@@ -197,9 +196,9 @@ def init(
 ) -> None:
     """Write a campaign.toml for the raw files of a folder, to be completed by hand.
 
-    The first rows of each file are shown as they are understood. On a terminal, you are asked what a file leaves open:
-    unit, decimal mark, body. Elsewhere, and without an answer, the most probable reading is taken and marked. An
-    existing campaign.toml is never overwritten, and a raw file is never changed.
+    Shows the first rows of each file as they are read. On a terminal, it asks what a file leaves open: unit, decimal
+    mark, body. Without an answer, it takes the most probable reading and marks it. It never overwrites a campaign.toml
+    and never changes a raw file.
 
     Example: truing init my-campaign --answer unit=m
     """
@@ -220,15 +219,14 @@ def predict(
 ) -> None:
     """Predict poses or readings with the extended model, or test its predictions on a second campaign.
 
-    A table of configurations gives poses of the platform in the frame of the base, with 6 x 6 covariance. Load steps of
-    a force sensor give interferometer readings. Commands of an axis give encoder readings, each with its sigma. Signals
-    of a calibrated force sensor give wrenches with covariance. The table needs every column on which an effect of the
-    model depends.
+    Configurations give poses of the platform in the frame of the base, with 6 x 6 covariance. Load steps of a force
+    sensor give interferometer readings, commands of an axis encoder readings, each with its sigma. Signals of a
+    calibrated force sensor give wrenches with covariance. The table needs every column on which an effect depends.
 
-    For the folder of a second campaign of the same machine: the result is the rms and largest error of the nominal, the
-    calibrated and the extended model. The calibration is read from the folder of the model.
+    The folder of a second campaign of the same machine gives the rms and largest error of the nominal, the calibrated
+    and the extended model. The calibration is read from the folder of the model.
 
-    The result is written as CSV or, with --json, as JSON to standard output, or to the file --out (.csv or .parquet).
+    Writes CSV or, with --json, JSON to standard output, or the file --out (.csv or .parquet).
 
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """
@@ -267,12 +265,11 @@ def design(
 ) -> None:
     """Choose configurations that give the most information for a calibration, and report their D-efficiency.
 
-    This needs a campaign.toml with a mechanism and a [workspace]. Poses that are already measured are evaluated in the
-    same way. For an interferometer campaign, it chooses load steps within [loading] that give the most information on
-    the sensor's calibration matrix. With --causes, it chooses runs of loads that halve the uncertainty of these causes,
-    in addition to the steps measured or planned. For an open chain, it chooses poses within the limits of the joints.
-    It reports what they and the campaign's own poses show of geometry, joint zeros and causes. For a single axis, it
-    chooses targets within the travel, visited from both sides, that show scale error, lost motion and periodic errors.
+    A mechanism needs a [workspace]; measured poses are evaluated in the same way. For a force sensor, the command
+    chooses load steps within [loading] for the calibration matrix. With --causes, it chooses further runs that halve
+    the uncertainty of these causes. For an open chain, it chooses poses within the limits of the joints. It reports
+    what they and the measured poses show of geometry, zeros and causes. For a single axis, it chooses targets within
+    the travel that show scale error, lost motion and periodic errors.
 
     --accuracy, --uniqueness and --tolerances choose nothing. They write tables next to FILE (default:
     runs/<name>/accuracy.csv and so on) and a page, FILE.html.
@@ -320,10 +317,10 @@ def power(
 ) -> None:
     """Simulate campaigns of this layout with hidden effects, diagnose them, and report the detectable size of each.
 
-    This needs no measurement: campaign.toml, targets.csv and configurations.csv are enough; for a bench, campaign.toml
-    and an interferometer.csv without readings; for a single axis, campaign.toml and a configurations.csv with commands.
-    Causes that rays of photographs show need a run. Writes detectable sizes (FILE), detection rates (FILE-rates) and a
-    page (FILE.html). Exit codes as for `truing run`.
+    Needs no measurement, but campaign.toml, targets.csv and configurations.csv; for a bench, campaign.toml and an
+    interferometer.csv without readings; for a single axis, campaign.toml and a configurations.csv with commands. Causes
+    that rays of photographs show need a run. Writes detectable sizes (FILE), detection rates (FILE-rates) and a page
+    (FILE.html). Exit codes as for `truing run`.
 
     Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
     """
@@ -359,10 +356,10 @@ def plan(
 ) -> None:
     """Choose camera stations, and predict the standard deviations of the targets.
 
-    This needs no photograph: targets.csv, a camera and the noise of an image point in campaign.toml are enough. Without
-    a camera in campaign.toml, that of the campaign's run or of its photographs is used. Scale bars are used if their
-    ends are targets. Writes the stations (FILE), predicted standard deviations (FILE-targets, FILE-bodies), their
-    dependence on the number of photographs (FILE-curve) and a page (FILE.html).
+    Needs no photograph, but targets.csv and, in campaign.toml, a camera and the noise of an image point. The default
+    camera is that of the campaign's run or photographs. Scale bars count if their ends are targets. Writes the stations
+    (FILE), predicted standard deviations (FILE-targets, FILE-bodies), their dependence on the number of photographs
+    (FILE-curve) and a page (FILE.html).
 
     Example: truing plan my-campaign --wanted 0.01 --distance 500,1500 --out stations.csv
     """
@@ -421,8 +418,8 @@ def report(
 ) -> None:
     """Show the verdict of a run and where its page is; with --pdf, print the page through Chromium or Chrome.
 
-    The browser is found on PATH as chromium, chromium-browser, google-chrome, google-chrome-stable or chrome. Without
-    one, the exit code is 4. The PDF has page numbers, the date and the list of contents.
+    The browser on PATH is chromium, chromium-browser, google-chrome, google-chrome-stable or chrome. Without one, the
+    exit code is 4. The PDF has page numbers, the date and the list of contents.
 
     Example: truing report runs/telescope --pdf
     """

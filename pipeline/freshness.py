@@ -80,7 +80,7 @@ class Evidence:
         return next((e.artifacts[artifact] for e in self.manifest.entries.values() if artifact in e.artifacts), None)
 
     def status(self, stage: Stage, now: StageInputs) -> StageStatus:
-        """True if the stage's artifacts are unchanged since writing, and made from the inputs ``now``."""
+        """Return the status of a stage: fresh if its artifacts are unchanged, and made from the inputs ``now``."""
         entry = self.manifest.entries.get(stage.name) or self._embedded(stage)
         if entry is None:
             return StageStatus(Freshness.NEVER_RUN, ("it has no artifacts",))

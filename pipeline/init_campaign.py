@@ -289,7 +289,7 @@ def _guess(group: RawGroup, robot: Robot | None) -> Guess:
     is_known_points = group.glob == "known_points.csv" and "point" in guess.columns  # no survey of a body
     if is_known_points or (guess.table is None and group.glob in [f"{table}.csv" for table in OF_IMAGES]):
         return replace(guess, mapping={}, table=group.example.stem)
-    # A survey is one file: many of them, told apart by a number, are poses.
+    # A survey is one file: many of them, which differ by a number, are poses.
     return replace(guess, table="points") if guess.table == "targets" and group.count > 1 else guess
 
 

@@ -110,7 +110,7 @@ def _common_affixes(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
 
 
 def distinguishing_pattern(names: Sequence[str], column: str) -> MappingKeys:
-    "A ``from_name`` that gives each file a different value of a column: a number if possible, else all that varies."
+    """A ``from_name`` that gives each file its own value of a column: a number if possible, else all that varies."""
     tokens = [_TOKEN.findall(name) for name in names]
     if similar_names(tokens):
         varying = [i for i, column_of in enumerate(zip(*tokens, strict=True)) if len(set(column_of)) > 1]

@@ -38,12 +38,12 @@ def _rows_side_by_side(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
     """Return sentences on files that are not recognised, and have as many rows of a table as another file."""
     rows = {group.glob: _rows(group, guess) for group, guess in files if group.count == 1 and guess.columns}
     unread = [group.glob for group, guess in files if group.glob in rows and guess.table is None and not guess.known]
-    told: set[str] = set()
+    reported: set[str] = set()
     sentences = []
     for name in unread:
         alike = [other for other, count in rows.items() if other != name and count == rows[name] >= _FEWEST]
-        if alike and not {name, *alike} & told:
-            told |= {name, *alike}
+        if alike and not {name, *alike} & reported:
+            reported |= {name, *alike}
             sentences.append(
                 f"{name} and {alike[0]} have {rows[name]} rows each: if these belong together, put the columns of both "
                 f"into one file, and call truing init again"
@@ -63,8 +63,8 @@ def _rows_that_differ(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
         return []
     rows_by_group = {group.glob: _rows(group, guess) for group, guess in counted if guess.table in ("poses", "points")}
     return [
-        f"{name} has {count} rows, {logs[0][0].glob} has {rows}, and nothing tells which belong together: give both a "
-        f"column pose, or times of which one difference of the clocks makes pairs"
+        f"{name} has {count} rows, {logs[0][0].glob} has {rows}, and no column relates them: give both a column "
+        f"pose, or times of clocks that differ by a constant"
         for name, count in rows_by_group.items()
         if count not in (0, rows)
     ]

@@ -48,7 +48,7 @@ def with_runs_apart(folder: Path, files: Sequence[_File]) -> tuple[list[_File], 
     if offsets is None or (logged is not None and not _within(runs_of, offsets, logged)):
         why = "not as many in each" if offsets is None else "the log has no poses behind those of the first file"
         seen = f"{globs}: files repeat the same poses, {why}: repeated measurements, or runs? "
-        return list(files), [f"{seen}Of runs, give each file an entry of its own with an offset of its poses"]
+        return list(files), [f"{seen}If they are runs, give each file an entry with an offset of its poses"]
     last = ", ".join(f"+{offset}" for offset in offsets[1:])
     seen = f"{globs}: each file numbers its poses from the same one on; taken as runs with further poses ({last}). "
     seen += "If files repeat the same poses, remove offset and keep one"

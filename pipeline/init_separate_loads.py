@@ -30,9 +30,7 @@ _TAKEN = {
     "step": "rows of loads are joined to those of {} by their step: {} rows have one",
     "time": "rows of loads are joined to those of {} by the nearest time, as if their clocks agreed ({} rows)",
 }
-_DIFFERENT = (
-    "channels of a sensor; {} holds loads, but {} rows and not {}, and no step or time in both tells which belong"
-)
+_DIFFERENT = "channels of a sensor; {} holds loads, but {} rows and not {}, and no step or time in both relates them"
 
 
 @dataclass(frozen=True)

@@ -201,7 +201,7 @@ def _of_readings(commands: _File, file: _File, both: Guess, table: _AxisFile, wa
         columns = {**({"time_s": time} if time is not None else {}), **columns}
         keys = _keys(file, both_guess, columns, table.counter if way == "pose" else None) | {"joined_by": way}
         doubts = tuple(doubt for doubt in both_guess.doubts if any(str(raw) in doubt for raw in columns.values()))
-        note = "what recorded the axis, beside the commands of another file"
+        note = "readings of the axis, for the commands of another file"
         guess = Guess(keys, file[1].columns, "measured", (note,), doubts=doubts)
         return with_raw_names(guess, _raw_names(table.names, file[1].columns))
 

@@ -37,10 +37,10 @@ def with_poses_by_time(folder: Path, files: Sequence[_File]) -> list[_File]:
     if len(logs) != 1 or len(measured) != 1:
         return list(files)
     (log,), (poses,) = logs, measured
-    times, shots = times_of(*files[log]), times_of(*files[poses])
-    if times is None or shots is None or not _FEWEST <= len(times) < len(shots) <= _MOST:
+    times, measured_times = times_of(*files[log]), times_of(*files[poses])
+    if times is None or measured_times is None or not _FEWEST <= len(times) < len(measured_times) <= _MOST:
         return list(files)
-    found = _joined(times, shots)
+    found = _joined(times, measured_times)
     if found is None:
         return list(files)
     row_of, apart = found
@@ -50,6 +50,7 @@ def with_poses_by_time(folder: Path, files: Sequence[_File]) -> list[_File]:
 
 
 def is_counted(group: RawGroup, guess: Guess, table: str) -> bool:
+    """Return True for a single file of a table whose poses are counted by rows."""
     return guess.table == table and group.count == 1 and "pose" in guess.mapping.get("number_rows", {})
 
 
@@ -67,45 +68,45 @@ def times_of(group: RawGroup, guess: Guess) -> Array | None:
     return np.array([(one if one.tzinfo else one.replace(tzinfo=UTC)).timestamp() for one in moments])
 
 
-def _joined(times: Array, shots: Array) -> tuple[Index, float] | None:
+def _joined(times: Array, measured_times: Array) -> tuple[Index, float] | None:
     """Row of the log for each measured pose (M,), -1 for none, and by how much its clock is later, s.
 
-    None unless one difference of the clocks alone gives each row a pose: rows at equal intervals tell no difference.
+    None unless one difference of the clocks alone gives each row a pose: rows at equal intervals leave it open.
     """
     near = _NEAR * float(np.diff(np.sort(times)).min())
-    tried = (shots[: _ANCHORS + len(shots) - len(times), None] - times[:_ANCHORS]).ravel()
-    rows = [_rows_at(times, shots - late, near) for late in tried]
+    tried = (measured_times[: _ANCHORS + len(measured_times) - len(times), None] - times[:_ANCHORS]).ravel()
+    rows = [_rows_at(times, measured_times - late, near) for late in tried]
     rows_with_all_times = [k for k, row in enumerate(rows) if len(set(row.tolist()) - {-1}) == len(times)]
     if not rows_with_all_times or np.ptp(tried[rows_with_all_times]) > 2.0 * near:
         return None
     first = min(rows_with_all_times, key=lambda k: abs(tried[k] - float(np.median(tried[rows_with_all_times]))))
     row_of = rows[first].copy()
     seen: set[int] = set()
-    for shot, row in enumerate(row_of.tolist()):
+    for number, row in enumerate(row_of.tolist()):
         if row in seen:
-            row_of[shot] = -1
+            row_of[number] = -1
         seen.add(row)
     return row_of, float(tried[first])
 
 
-def _rows_at(times: Array, shots: Array, near: float) -> Index:
-    nearest = np.abs(shots[:, None] - times).argmin(axis=1)
-    return np.where(np.abs(shots - times[nearest]) <= near, nearest, -1)
+def _rows_at(times: Array, measured_times: Array, near: float) -> Index:
+    nearest = np.abs(measured_times[:, None] - times).argmin(axis=1)
+    return np.where(np.abs(measured_times - times[nearest]) <= near, nearest, -1)
 
 
 def _numbered(guess: Guess, row_of: Index, log: str, late_s: float) -> Guess:
     """The guess whose rows have the numbers of the log's rows; other rows are left out."""
     first = int(guess.mapping["number_rows"]["pose"])
-    kept = [(str(first + shot), str(first + row)) for shot, row in enumerate(row_of.tolist()) if row >= 0]
-    out = [str(first + shot) for shot, row in enumerate(row_of.tolist()) if row < 0]
+    kept = [(str(first + number), str(first + row)) for number, row in enumerate(row_of.tolist()) if row >= 0]
+    out = [str(first + number) for number, row in enumerate(row_of.tolist()) if row < 0]
     keys: MappingKeys = {
         "columns": {**guess.mapping["columns"], "pose": "row"},
         "number_rows": {"row": first},
         "select": {"row": f"(?!({'|'.join(out)})$).*"},
-        "rename": {"pose": {shot: row for shot, row in kept if shot != row}},
+        "rename": {"pose": {number: row for number, row in kept if number != row}},
     }
     doubt = (
-        f"rows are joined to those of {log} by time, with clocks that differ by {late_s:.3g} s: "
-        f"{len(kept)} have one; left out: {', '.join(out)}"
+        f"rows are joined to those of {log} by time (the clocks differ by {late_s:.3g} s): "
+        f"{len(kept)} match; left out: {', '.join(out)}"
     )
     return replace(guess, mapping={**guess.mapping, **keys}, doubts=(*guess.doubts, doubt))

@@ -66,7 +66,7 @@ def _model_in(run: Path, inputs: Path) -> Path:
 
 
 def _errors(model: Path, text: str, path: Path) -> pa.Table:
-    "Errors of a second campaign by the nominal and the extended model, and by the calibration in the model's folder."
+    """Errors of a second campaign by nominal and extended model, and by the calibration in the model's folder."""
     try:
         beside = {
             name: read_artifact(model.parent, ARTIFACTS[name]) for name in _CALIBRATION if _run_has_table(model, name)

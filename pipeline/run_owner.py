@@ -114,7 +114,7 @@ def refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
 
 
 def folder_next_to_run(campaign: CampaignFolder) -> Path:
-    "Default output folder of other commands next to a run; raises CampaignFaults if it belongs to another campaign."
+    """Default output folder of other commands next to a run; raises CampaignFaults if another campaign owns it."""
     folder = run_folder_of(campaign, None, several=False)
     check_owner(open_run(campaign, folder))
     return folder

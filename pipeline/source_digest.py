@@ -20,7 +20,7 @@ from truing.pipeline.manifest import TICK_NS, DigestCache
 
 _NAME = "truing"
 _BESIDE = ("schemas", "stages", "pipeline")  # packages of `truing` with separate folders in a checkout
-ROOMS = (_NAME, *_BESIDE)
+PACKAGES = (_NAME, *_BESIDE)
 _TELLING = re.compile(rf"\b{_NAME}\b|\bfrom[\s\\]*\.".encode())
 # Start of a statement; also matches inside multi-line strings, where the rest is no Python.
 _STATEMENT = re.compile(rb"^(?=[^\s#)\]}])", re.MULTILINE)
@@ -116,7 +116,7 @@ class SourceTree:
 
 def _cached_digests(root: Path) -> _DigestsByModules:
     """Digests computed by this process for the present files, to be extended; empty if file times are unreliable."""
-    state = tuple(sorted(entry for room in ROOMS for entry in _file_stamps(os.path.join(root, room))))
+    state = tuple(sorted(entry for package in PACKAGES for entry in _file_stamps(os.path.join(root, package))))
     if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:
         return {}
     known, digests = _PROCESS_DIGESTS.get(root, ((), {}))

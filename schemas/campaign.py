@@ -43,7 +43,7 @@ from truing.schemas.sections import (
 from truing.schemas.settings_text import Document
 
 
-def _is_first_format(value: object) -> int:
+def _check_format(value: object) -> int:
     if value != 1 or not isinstance(value, int) or isinstance(value, bool):
         raise ValueError("1")
     return value
@@ -90,7 +90,7 @@ def _listed(entry: object) -> object:
 class Campaign(Section):
     """All of campaign.toml."""
 
-    format: Annotated[Literal[1], BeforeValidator(_is_first_format)] = 1
+    format: Annotated[Literal[1], BeforeValidator(_check_format)] = 1
     campaign: CampaignSection
     mechanism: Annotated[Mechanism, BeforeValidator(_typed)] = NoMechanism()
     loading: Loading = Loading()

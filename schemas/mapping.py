@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from truing.schemas.installed import entry_points
 from truing.schemas.near_names import did_you_mean
-from truing.schemas.section import Finite, Name, Positive, RawText, Section, Whole, is_path, is_raw_text
+from truing.schemas.section import Finite, Name, Positive, RawText, Section, Whole, check_path, check_raw_text
 
 LONGEST_PATTERN = 20_000
 _FILLED = re.compile(r"(.?[<>^])?\d{0,2}")  # allowed format after a name's colon: padding
@@ -50,13 +50,13 @@ def _compiles(pattern: str) -> str:
     return pattern
 
 
-def _has_groups(pattern: str) -> str:
+def _check_groups(pattern: str) -> str:
     if not re.compile(_compiles(pattern)).groupindex:
         raise ValueError("a regular expression with named groups, such as (?P<target>\\d+)")
     return pattern
 
 
-def _is_template(template: str) -> str:
+def _check_template(template: str) -> str:
     parts = [part for part in string.Formatter().parse(template) if part[1] is not None]
     if not parts or any(name == "" for _, name, _, _ in parts):
         raise ValueError('a template with the names of columns in braces, such as "{set}-{ID}"')
@@ -65,8 +65,8 @@ def _is_template(template: str) -> str:
     return template
 
 
-def _is_template_of_names(template: str) -> str:
-    parts = [part for part in string.Formatter().parse(_is_template(template)) if part[1] is not None]
+def _check_template_of_names(template: str) -> str:
+    parts = [part for part in string.Formatter().parse(_check_template(template)) if part[1] is not None]
     names = [name or "" for _, name, _, _ in parts]
     if len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
         raise ValueError('a template with each name once, as a word: "{target}_{axis}"')
@@ -75,7 +75,7 @@ def _is_template_of_names(template: str) -> str:
     return template
 
 
-def _is_time_format(form: str) -> str:
+def _check_time_format(form: str) -> str:
     try:
         datetime.strptime("", form)
     except ValueError as error:
@@ -96,14 +96,14 @@ def _refer_to_groups(names: dict[str, str]) -> dict[str, str]:
 
 
 Pattern = Annotated[RawText, AfterValidator(_compiles)]
-GroupPattern = Annotated[RawText, AfterValidator(_has_groups)]
-Template = Annotated[RawText, AfterValidator(_is_template)]
-TemplateOfNames = Annotated[RawText, AfterValidator(_is_template_of_names)]
-TimeFormat = Annotated[RawText, AfterValidator(_is_time_format)]
+GroupPattern = Annotated[RawText, AfterValidator(_check_groups)]
+Template = Annotated[RawText, AfterValidator(_check_template)]
+TemplateOfNames = Annotated[RawText, AfterValidator(_check_template_of_names)]
+TimeFormat = Annotated[RawText, AfterValidator(_check_time_format)]
 Renames = Annotated[dict[Pattern, RawText], AfterValidator(_refer_to_groups)]
 
 
-def _is_format(name: str) -> str:
+def _check_format(name: str) -> str:
     """Accept own formats first, because the query of installed packages is slow."""
     if name not in FORMATS:
         added = sorted(entry_points(group=FORMAT_ENTRY_POINTS).names)
@@ -113,13 +113,13 @@ def _is_format(name: str) -> str:
     return name
 
 
-def _is_raw_column(value: object) -> object:
+def _check_raw_column(value: object) -> object:
     if isinstance(value, bool) or not isinstance(value, str | int):
         raise ValueError("the raw column's name in quotation marks, or its position from 1")
-    return value if isinstance(value, int) else is_raw_text(value)
+    return value if isinstance(value, int) else check_raw_text(value)
 
 
-RawColumn = Annotated[str | int, BeforeValidator(_is_raw_column)]
+RawColumn = Annotated[str | int, BeforeValidator(_check_raw_column)]
 
 
 class RawValue(Section):
@@ -160,7 +160,7 @@ class RawValue(Section):
         return tuple((column, sign) for column, sign in signed if column is not None)
 
 
-def _is_encoding(name: str) -> str:
+def _check_encoding(name: str) -> str:
     try:
         known = codecs.lookup(name)
         b"1".decode(name, errors="replace")  # raises LookupError where bytes become bytes, such as zlib
@@ -171,13 +171,13 @@ def _is_encoding(name: str) -> str:
     return name
 
 
-def _is_separator(text: str) -> str:
+def _check_separator(text: str) -> str:
     if text not in ("whitespace", "blank", "tab") and not _is_mark(text):
         raise ValueError('one ASCII character, or "whitespace"')
     return text
 
 
-def _is_quote(text: str) -> str:
+def _check_quote(text: str) -> str:
     if text and not _is_mark(text):
         raise ValueError("one ASCII character, or empty if the file has no quoting")
     return text
@@ -187,10 +187,10 @@ def _is_mark(text: str) -> bool:
     return len(text) == 1 and text.isascii() and text not in "\r\n\0"
 
 
-def _is_sheet(value: object) -> object:
+def _check_sheet(value: object) -> object:
     if isinstance(value, bool) or not isinstance(value, str | int):
         raise ValueError("the sheet's name in quotation marks, or its number from 1")
-    return value if isinstance(value, int) else is_raw_text(value)
+    return value if isinstance(value, int) else check_raw_text(value)
 
 
 def _are_variables(value: object) -> object:
@@ -198,22 +198,22 @@ def _are_variables(value: object) -> object:
     if not several or not all(isinstance(one, str) and one for one in several):
         raise ValueError("a variable's name in quotation marks, or a list of these")
     for item in several:
-        is_raw_text(item)
+        check_raw_text(item)
     return value
 
 
-def _is_path(value: object) -> object:
+def _check_paths(value: object) -> object:
     several = value if isinstance(value, tuple) else (value,)
     if not several or not all(isinstance(one, str) for one in several):
         raise ValueError("a file or glob in quotation marks, or a list of these")
     for item in several:
-        is_path(item)
+        check_path(item)
     return value
 
 
-def _is_constant(value: object) -> object:
+def _check_constant(value: object) -> object:
     if isinstance(value, str):
-        return is_raw_text(value)
+        return check_raw_text(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError("text in quotation marks, or a finite number")
     return value
@@ -228,10 +228,10 @@ def _kind(source: object) -> str:
     return OF_TABLE if isinstance(source, dict | RawValue) else OF_NAME
 
 
-Sheet = Annotated[str | int, BeforeValidator(_is_sheet)]
+Sheet = Annotated[str | int, BeforeValidator(_check_sheet)]
 Variables = Annotated[str | tuple[str, ...], BeforeValidator(_are_variables)]
-Paths = Annotated[str | tuple[str, ...], BeforeValidator(_is_path)]
-Constant = Annotated[str | int | float, BeforeValidator(_is_constant)]
+Paths = Annotated[str | tuple[str, ...], BeforeValidator(_check_paths)]
+Constant = Annotated[str | int | float, BeforeValidator(_check_constant)]
 Source = Annotated[Annotated[RawColumn, Tag(OF_NAME)] | Annotated[RawValue, Tag(OF_TABLE)], Discriminator(_kind)]
 
 
@@ -243,11 +243,11 @@ class FileMapping(Section):
     """
 
     path: Paths = Field(description="file or glob, relative to campaign.toml")
-    format: Annotated[RawText, AfterValidator(_is_format)] = Field(
+    format: Annotated[RawText, AfterValidator(_check_format)] = Field(
         "auto",
         description=f"one of {', '.join(FORMATS)}, or an installed package's own; auto goes by the file's name",
     )
-    separator: Annotated[RawText, AfterValidator(_is_separator)] | None = Field(
+    separator: Annotated[RawText, AfterValidator(_check_separator)] | None = Field(
         None, description='one character, or "whitespace"; absent: detected'
     )
     header: bool | None = Field(None, description="whether the first line holds the column names")
@@ -256,8 +256,8 @@ class FileMapping(Section):
     thousands: Literal[",", ".", "'", " "] | None = Field(
         None, description="thousands separator; a blank: any kind of blank"
     )
-    encoding: Annotated[RawText, AfterValidator(_is_encoding)] = Field("utf-8", description="encoding of the files")
-    quote: Annotated[RawText, AfterValidator(_is_quote)] = Field(
+    encoding: Annotated[RawText, AfterValidator(_check_encoding)] = Field("utf-8", description="encoding of the files")
+    quote: Annotated[RawText, AfterValidator(_check_quote)] = Field(
         '"', description="quotation mark; empty if the file has no quoting"
     )
     comment: RawText | None = Field(None, description="lines that begin with this text are skipped")

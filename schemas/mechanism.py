@@ -56,7 +56,7 @@ _UNIT = {"rotary": "deg", "linear": "mm"}
 _COUNTS = "_counts"
 
 
-def _is_modulus(value: float) -> float:
+def _check_modulus(value: float) -> float:
     if value <= _STIFFEST_GPA:
         return value
     low, high = _LIKELY_GPA
@@ -74,7 +74,7 @@ def thin_rod(what: str, diameter_mm: float, length_mm: float | None) -> None:
         )
 
 
-Modulus = Annotated[Positive, AfterValidator(_is_modulus)]
+Modulus = Annotated[Positive, AfterValidator(_check_modulus)]
 Poisson = Annotated[float, Field(gt=-1.0, lt=0.5)]
 
 
@@ -251,14 +251,14 @@ _SOLID = ("cylinder", "leaf", "notch")  # kinds with a volume
 _LIGHTEST, _DENSEST = 30.0, 30e3  # kg/m^3: from rigid foam to above osmium, 22.6e3
 
 
-def _is_density(value: float) -> float:
+def _check_density(value: float) -> float:
     if not _LIGHTEST <= value <= _DENSEST:
         meant = f"; did you mean {1e3 * value:g} ({value:g} in g/cm3)?" if value < _LIGHTEST else ""
         raise ValueError(f"from {_LIGHTEST:g} to {_DENSEST:g} kg/m3{meant}")
     return value
 
 
-Density = Annotated[float, Field(gt=0.0, allow_inf_nan=False), AfterValidator(_is_density)]
+Density = Annotated[float, Field(gt=0.0, allow_inf_nan=False), AfterValidator(_check_density)]
 
 
 class SensorPlate(Section):

@@ -51,7 +51,7 @@ class Board(Section):
     square_mm: Positive | None = Field(None, description="edge of a square; gives the scale if nothing else does")
 
     @model_validator(mode="after")
-    def _is_distinguishable(self) -> Board:
+    def _check_distinguishable(self) -> Board:
         if self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0:
             raise ValueError(
                 "one even and one odd number of columns and rows, because else it looks the same upside down"
@@ -107,7 +107,7 @@ class Photographs(Section):
     eccentricity: bool = Field(True, description="whether image centres of circles are corrected for eccentricity")
 
     @model_validator(mode="after")
-    def _is_distinguishable(self) -> Photographs:
+    def _check_distinguishable(self) -> Photographs:
         for family in set(self.targets or ()) & set(_PUBLISHED):
             if f"{family}_any" in (self.targets or ()):
                 raise ValueError(f"{family} or {family}_any, not both, because one ring would have two codes")

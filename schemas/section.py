@@ -15,18 +15,18 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from truing.schemas.column import LARGEST, SMALLEST
 
 
-def _is_of_size(value: float) -> float:
+def _check_size(value: float) -> float:
     if 0.0 < abs(value) < SMALLEST:
         raise ValueError(f"at least {SMALLEST:g}; smaller quantities are not plausible")
     return value
 
 
-Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_is_of_size)]
-NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_is_of_size)]
+Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_check_size)]
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_check_size)]
 # A relative standard deviation, or an angle in rad: 0, or large enough to weight numbers by.
-Share = Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False), AfterValidator(_is_of_size)]
+Share = Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False), AfterValidator(_check_size)]
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
-# From absolute zero to where the last metal melts.
+# From absolute zero to the melting point of tungsten.
 Temperature = Annotated[float, Field(ge=-273.15, le=3500.0, allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
 # Relative rounding of numbers that a person types.
@@ -46,15 +46,15 @@ def _check_characters(text: str, allowed: str = "") -> str:
     return text
 
 
-def _is_given(text: str) -> str:
+def _check_not_blank(text: str) -> str:
     if not text.strip():
         raise ValueError("text that is not blank")
     return text
 
 
-def is_raw_text(text: str) -> str:
-    "Return text that may contain line ends and tabs; raises ValueError for other control characters or too long"
-    "text."
+def check_raw_text(text: str) -> str:
+    """Return text that may contain line ends and tabs; raises ValueError for other control characters, or if it is
+    too long."""
     return _check_characters(_check_length(text, LONGEST_TEXT), _OF_LINES)
 
 
@@ -64,9 +64,9 @@ def _check_length(text: str, longest: int) -> str:
     return text
 
 
-def is_path(text: str) -> str:
+def check_path(text: str) -> str:
     """Return a path or glob; raises ValueError if it is empty or has control characters."""
-    return _check_characters(_is_given(text))
+    return _check_characters(_check_not_blank(text))
 
 
 def _one_or_several(value: object) -> object:
@@ -82,20 +82,20 @@ def _is_number(value: object) -> bool:
     return math.isfinite(value) and 0.0 < value <= LARGEST
 
 
-def _is_identifier(value: object) -> object:
+def _check_identifier(value: object) -> object:
     """Accept an integer or a name with one message, where pydantic would report both members of the union."""
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise ValueError("a whole number, or a name in quotation marks")
     if isinstance(value, int) and abs(value) >= 1 << 63:
         raise ValueError("a whole number below 2^63, or a name in quotation marks")
-    return value if isinstance(value, int) else _is_name(value)
+    return value if isinstance(value, int) else _check_name(value)
 
 
-def _is_name(text: str) -> str:
-    return _check_characters(_is_given(_check_length(text, LONGEST_NAME)))
+def _check_name(text: str) -> str:
+    return _check_characters(_check_not_blank(_check_length(text, LONGEST_NAME)))
 
 
-def _is_date(value: object) -> object:
+def _check_date(value: object) -> object:
     if isinstance(value, str):
         try:
             return date.fromisoformat(value)
@@ -106,18 +106,18 @@ def _is_date(value: object) -> object:
     return value
 
 
-Name = Annotated[str, AfterValidator(_is_name)]
+Name = Annotated[str, AfterValidator(_check_name)]
 # Text on one line; a pattern may restrict it further.
 Shown = Annotated[str, AfterValidator(_check_characters)]
-Identifier = Annotated[int | str, BeforeValidator(_is_identifier)]
+Identifier = Annotated[int | str, BeforeValidator(_check_identifier)]
 # One or more sentences.
-Words = Annotated[str, AfterValidator(_is_given), AfterValidator(is_raw_text)]
+Words = Annotated[str, AfterValidator(_check_not_blank), AfterValidator(check_raw_text)]
 # Text of raw files, where also a column name may contain a line end.
-RawText = Annotated[str, AfterValidator(is_raw_text)]
-Path = Annotated[str, AfterValidator(is_path)]
+RawText = Annotated[str, AfterValidator(check_raw_text)]
+Path = Annotated[str, AfterValidator(check_path)]
 Whole = Annotated[int, Field(gt=-(2**53), lt=2**53)]
 OneOrSeveral = Annotated[Positive | tuple[Positive, ...], BeforeValidator(_one_or_several)]
-Day = Annotated[date, BeforeValidator(_is_date)]
+Day = Annotated[date, BeforeValidator(_check_date)]
 
 
 class Section(BaseModel):

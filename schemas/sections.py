@@ -240,7 +240,7 @@ class Requirement(PoseComponents):
         return {name: value for name, value in self if value is not None and name.endswith(OF_LOADS)}
 
 
-def _is_nothing_or_real(value: float) -> float:
+def _check_zero_or_plausible(value: float) -> float:
     if 0.0 < value < LEAST_SIGMA_MM:
         raise ValueError(f"0, or at least {LEAST_SIGMA_MM:g}")
     return value
@@ -249,14 +249,14 @@ def _is_nothing_or_real(value: float) -> float:
 # Plausible standard deviations of an instrument, in the unit of the key: from below any resolution to beyond any
 # measurement. 0 means exact.
 OfLength = Annotated[float, Field(ge=LEAST_SIGMA_MM, le=MOST_SIGMA_MM, allow_inf_nan=False)]
-OfReadings = Annotated[float, Field(ge=0.0, le=1e3, allow_inf_nan=False), AfterValidator(_is_nothing_or_real)]
+OfReadings = Annotated[float, Field(ge=0.0, le=1e3, allow_inf_nan=False), AfterValidator(_check_zero_or_plausible)]
 OfDisplacement = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
 OfAngles = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
 OfRotation = Annotated[float, Field(ge=1e-12, le=3.2, allow_inf_nan=False)]
 OfTurns = Annotated[float, Field(ge=1e-10, le=180.0, allow_inf_nan=False)]
 OfSignals = Annotated[float, Field(ge=1e-9, le=1e6, allow_inf_nan=False)]
 OfImages = Annotated[float, Field(ge=1e-6, le=1e4, allow_inf_nan=False)]
-OfLoads = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False), AfterValidator(_is_nothing_or_real)]
+OfLoads = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False), AfterValidator(_check_zero_or_plausible)]
 
 
 class Noise(Section):
@@ -347,8 +347,8 @@ class CalibrationSection(Section):
 
     deformation: Literal["z", "in-plane"] = Field(
         "z",
-        description="z: shifts of the attachments along z of the platform; in-plane: one more model, which also takes "
-        "up the measured shifts along x and y (deformation in-plane in the tables)",
+        description="z: shifts of the attachments along z of the platform; in-plane: an additional model that "
+        "includes the measured shifts along x and y (deformation in-plane in the tables)",
     )
 
 
@@ -388,7 +388,7 @@ class Diagnosis(Section):
     )
 
     @model_validator(mode="after")
-    def _is_applied_or_ignored(self) -> Diagnosis:
+    def _check_applied_or_ignored(self) -> Diagnosis:
         if both := sorted({*self.apply} & {*self.ignore}):
             raise ValueError(f"{', '.join(both)} in apply or in ignore, not in both: an ignored cause is never found")
         return self

@@ -164,7 +164,7 @@ def _model(settings: Campaign, columns: AxisColumns, command: Array) -> tuple[Ax
         if sigma_of_encoder is None
     ]
     if missing or not names:
-        expected = "one standard deviation of what records the axis"
+        expected = "one standard deviation of the instrument"
         raise CampaignFaults(
             Fault(FILE, expected, column=name) for name in missing or [f"noise.measured_{columns.unit}"]
         )

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 _UNTARGETED = {"measured_poses": "measured poses", "scans": "dense scans"}
-_ADJUSTED = "the photographs tell, once they are adjusted"
+_ADJUSTED = "known once the photographs are adjusted"
 # What tells the prospects of a mechanism that is neither of legs nor a sensor on its bench, by its type.
 _OF_TYPES = {"axis": "truing.stages.common.evaluable_axis_stages"}
 _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
@@ -153,7 +153,7 @@ def _about(value: float) -> str:
 
 def _pose(contents: CampaignContents) -> Prospect:
     if contents.is_photographed:
-        return Prospect("pose", "", "what the photographs show, once they are adjusted")
+        return Prospect("pose", "", "known once the photographs are adjusted")
     seen = {body: contents.determined(body) for body in contents.targets}
     if not any(seen.values()) and contents.of_poses:
         return Prospect("pose", "", contents.of_poses)

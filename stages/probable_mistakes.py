@@ -80,8 +80,7 @@ def _remarks_on_frame(settings: Campaign) -> Iterator[str]:
     if settings.measurement.frame == "series" and settings.mechanism.type != "chain":  # a chain estimates them
         yield (
             '[measurement] frame = "series": frames of series are not estimated. It is treated like "pose": every '
-            "pose in a frame of its own, in which the base has to be seen. That the frame stays in a series is not "
-            "used"
+            "pose in a frame of its own, in which the base has to be seen. The common frame of a series is not used"
         )
 
 

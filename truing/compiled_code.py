@@ -50,6 +50,6 @@ def compiled(*made_of: str, is_exact: bool = False) -> Callable[[Callable], Call
 
 def can_cache(folder: Path) -> bool:
     """True if there is a cache folder next to the source, or one named by the user; otherwise numba would use
-    the home folder."""
+    the user's folder."""
     beside = folder / "__pycache__"
     return "NUMBA_CACHE_DIR" in os.environ or os.access(beside if beside.is_dir() else folder, os.W_OK)

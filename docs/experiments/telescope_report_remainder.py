@@ -69,7 +69,7 @@ def absorbed(effect: NDArray) -> NDArray:
     return _SHOWN[:, None] * -np.einsum("irn,ni->ri", fit, effect)
 
 
-def swallowed(name: str, change: NDArray) -> NDArray:
+def absorbed_change(name: str, change: NDArray) -> NDArray:
     """Return the bias of the fit by a change (6,), SI, of a parameter that it holds fixed, such as a_z or u_x."""
     parameters = ParameterSet(tuple(LegParameter(name, leg, "1", 1.0) for leg in range(6)))
     machine, at = _machine(), _at()
@@ -106,12 +106,12 @@ def _tilt_of_base(axis: int) -> NDArray:
     """Return the pattern of nominal values given in a base frame that is tilted by 1 mrad about x (0) or y (1)."""
     a = _machine().legs.a
     lift, lean = (a[:, 1], ("u_y", -1e-3)) if axis == 0 else (-a[:, 0], ("u_x", 1e-3))
-    return swallowed("a_z", 1e-3 * lift) + swallowed(lean[0], np.full(6, lean[1]))
+    return absorbed_change("a_z", 1e-3 * lift) + absorbed_change(lean[0], np.full(6, lean[1]))
 
 
 def _tilt_of_platform(axis: int) -> NDArray:
     b = _machine().legs.b
-    return swallowed("b_z", 1e-3 * (b[:, 1] if axis == 0 else -b[:, 0]))
+    return absorbed_change("b_z", 1e-3 * (b[:, 1] if axis == 0 else -b[:, 0]))
 
 
 def _turn(name: str) -> NDArray:
@@ -182,8 +182,8 @@ CAUSES: dict[str, tuple[str, Pattern]] = {
     "close pairs on the platform farther apart": ("mm each", lambda: _field(b=_pairs_apart("b"))),
     "scale of the photogrammetry": ("1e-3", lambda: _uniform(1e-3, with_actuators=False)),
     "everything but heights larger": ("1e-3", lambda: _uniform(1e-3, with_actuators=True)),
-    "actuators lean, all along x": ("mrad", lambda: swallowed("u_x", np.full(6, 1e-3))),
-    "actuators lean, all along y": ("mrad", lambda: swallowed("u_y", np.full(6, 1e-3))),
+    "actuators lean, all along x": ("mrad", lambda: absorbed_change("u_x", np.full(6, 1e-3))),
+    "actuators lean, all along y": ("mrad", lambda: absorbed_change("u_y", np.full(6, 1e-3))),
     "K larger, all of it": ("%", lambda: _more_of_K(0.01, whole=True)),
     "K larger except its diagonal": ("%", lambda: _more_of_K(0.01, whole=False)),
     "attachments move outwards with their actuator": ("1e-3", lambda: _in_plane(1e-3)),

@@ -96,8 +96,8 @@ def wrong_poses(tables: Mapping[str, pa.Table]) -> str:
     if not names:
         return ""
     return (
-        f"the diagnosis found that all measured poses are wrong ({', '.join(names)}), those that judge it too; correct "
-        "the data, or apply the finding ([diagnosis] apply)"
+        f"the diagnosis found that all measured poses are wrong ({', '.join(names)}), the verification poses too; "
+        "correct the data, or apply the finding ([diagnosis] apply)"
     )
 
 

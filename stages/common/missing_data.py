@@ -30,8 +30,8 @@ NO_CHOICE = {
 NO_DRIVES = {"chain": "no drives named in [campaign]; the diagnosis tests the compliance of joints and links"}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
 NO_POINTS_TO_DIAGNOSE = (
-    "no points: causes are told apart by targets, and poses or scans have none. Of a mechanism on legs or of bodies, "
-    "export the measured targets, three or more on each body, as points.csv; measured poses of an arm need [mechanism] "
+    "no points: targets distinguish causes, and poses or scans have none. Of a mechanism on legs or of bodies, export "
+    "the measured targets, three or more on each body, as points.csv; measured poses of an arm need [mechanism] "
     'type = "chain"'
 )
 NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"

@@ -165,8 +165,8 @@ def default_rotations(poses_table: pa.Table, body: str, poses: tuple[int | str, 
 
 
 def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ...]) -> tuple[Array, Array]:
-    "R (B, 3, 3) and t (B, 3) in m from the body frame to the measurement, through its parents; NaN for missing"
-    "poses."
+    """R (B, 3, 3) and t (B, 3), m, from the body frame to the measurement, through its parents; NaN for missing
+    poses."""
     from truing.estimation.rotation import exp_so3
 
     rows = poses_table.filter(pc.and_(poses_table.column("default"), pc.equal(poses_table.column("body"), body)))

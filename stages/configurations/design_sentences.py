@@ -119,7 +119,7 @@ def _existing(design: Design) -> list[str]:
         f"{percent_of(share)} of the best of as many"
     )
     if existing_plan.outside:
-        line += f"; {existing_plan.outside} of them lie outside of these limits, which the bound is not about"
+        line += f"; {existing_plan.outside} of them lie outside these limits, where the bound does not hold"
     alike = design.all_configurations.log_det + design.problem.size * np.log(
         existing_plan.count / design.all_configurations.count
     )

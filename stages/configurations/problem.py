@@ -41,7 +41,7 @@ def design_problem(
     """Return the problem of choosing configurations for some parameters of each leg, or for all separable ones.
 
     Raises CampaignFaults for an incomplete campaign or unknown parameters, ValueError if forbidden regions leave no
-    room.
+    candidate.
     """
     section = cast("LeggedMechanism", settings.mechanism)
     machine = plain_machine(settings)

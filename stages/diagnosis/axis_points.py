@@ -49,8 +49,8 @@ _MOST_ROWS = 1500
 _WIDE = 1e3
 # Prior of the load's stop behind the motor, as a share of the encoders' noise: hardly any, but it may prove larger.
 _HARDLY = 0.2
-_SCATTER_AT_TARGET = "Approach one target ten times over from the same side: the scatter is the true noise."
-_SCATTER = "Send the axis to one command ten times over from the same side: the scatter is the true noise."
+_SCATTER_AT_TARGET = "Approach one target ten times from the same side: the scatter is the true noise."
+_SCATTER = "Send the axis to one command ten times from the same side: the scatter is the true noise."
 
 
 def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[AxisModel]:

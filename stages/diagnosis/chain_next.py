@@ -112,13 +112,13 @@ def chain_measurements_of(
         ranges = joint_ranges(model.tree, settings, tables["joints"], tables["configurations"])
     except CampaignFaults:  # a joint that was never moved, and has no limits
         return None
-    reach = partial(possible_poses, _within_measured(ranges, settings, model), instrument)
-    plans, advice = planned(reach, *models_to_improve(diagnosis))
+    candidates_for = partial(possible_poses, _within_measured(ranges, settings, model), instrument)
+    plans, advice = planned(candidates_for, *models_to_improve(diagnosis))
     return NextMeasurement(plan_table("next_poses", plans), advice)
 
 
 def _within_measured(ranges: JointRanges, settings: Campaign, model: ChainModel) -> JointRanges:
-    """Ranges in which the machine was measured, where [workspace] joints gives no other: limits may lead into walls."""
+    """Measured ranges, where [workspace] joints gives no others: at its limits the machine may collide."""
     is_limited = np.array([column.name in settings.workspace.joints for column in ranges.columns])
     measured = model.conditions.readings
     return replace(
@@ -166,9 +166,9 @@ def _levels(model: ChainModel) -> dict[str, list[tuple[object, str]]]:
         (np.ones(count), "approached with growing readings of all joints"),
         (-np.ones(count), "approached with falling readings of all joints"),
     ]
-    if (heat := measured.covariates.get(TEMPERATURE)) is not None and np.isfinite(heat).all():
-        middle = float(np.median(heat))
-        warm = float(round(max(float(heat.max()), middle + _WARMER_K)))
+    if (temperature := measured.covariates.get(TEMPERATURE)) is not None and np.isfinite(temperature).all():
+        middle = float(np.median(temperature))
+        warm = float(round(max(float(temperature.max()), middle + _WARMER_K)))
         result[TEMPERATURE] = [(middle, ""), (warm, f"at {warm:g} °C")]
     return result
 

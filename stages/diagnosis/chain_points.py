@@ -194,7 +194,7 @@ def _shown(model: ChainModel) -> ReportedRms | Channels:
         fitted="the calibration poses",
         held_out="held-out poses",
         drive=_DRIVE,
-        scatter="Measure one pose ten times over without moving anything: the scatter is the true noise.",
+        scatter="Measure one pose ten times without moving anything: the scatter is the true noise.",
         what="pose component",
     )
 

@@ -26,9 +26,9 @@ M = TypeVar("M", bound=EffectsModel, covariant=True)
 
 # An effect concerns a channel if it moves it by this share of its largest motion, in units of the noise.
 _CONCERNED = 0.2
-# What moves displacements and rotations is told of displacements, unless rotations show it this many times as clearly.
+# An effect on displacements and rotations is reported for displacements, unless rotations show it so much more clearly.
 _RATHER = 2.0
-_SCATTER = "Hold one load and read every channel ten times over: the scatter is the true noise."
+_SCATTER = "Hold one load and read every channel ten times: the scatter is the true noise."
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ReportedRms:
     fitted: str = "the calibration poses"
     held_out: str = "held-out poses"
     drive: str = "the readings"
-    scatter: str = "Measure one pose ten times over without moving anything: the scatter is the true noise."
+    scatter: str = "Measure one pose ten times without moving anything: the scatter is the true noise."
     what: str = "point"
     epoch: str = "pose"
     noise: str = DECLARED_NOISE
@@ -84,12 +84,12 @@ class ReportedRms:
 
 
 POINTS = ReportedRms()
-# Of rays, in units of their own noise; how far points move is told elsewhere.
+# Of rays, in units of their own noise; motions of points are reported elsewhere.
 RAYS = ReportedRms(
     "sigma",
     1.0,
     drive="what all poses should share",
-    scatter="Photograph one pose ten times over without moving anything, and adjust each by itself.",
+    scatter="Photograph one pose ten times without moving anything, and adjust each by itself.",
     is_length=False,
     what="ray",
 )

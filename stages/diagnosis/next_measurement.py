@@ -53,11 +53,11 @@ _UNSEEN_M2 = 1.0
 class Options(Protocol):
     """Candidates for the next measurement, with their names."""
 
-    what: ClassVar[tuple[str, str]]  # what one is, and several
-    unit: ClassVar[str]  # what they are counted in
-    each: ClassVar[str]  # what is done once or several times with a candidate
-    do: ClassVar[str]
-    pace: ClassVar[str]  # behind how long they take
+    what: ClassVar[tuple[str, str]]  # noun of a candidate, singular and plural
+    unit: ClassVar[str]  # noun in which candidates are counted
+    each: ClassVar[str]  # noun of one measurement of a candidate
+    do: ClassVar[str]  # verb of a request
+    pace: ClassVar[str]  # words after a duration
 
     def linearised(self, fitted: Fitted) -> PoseCandidates:
         """Return the candidates linearised about a fitted model."""
@@ -76,7 +76,7 @@ class Options(Protocol):
 
 
 # Candidates for the comparison of some fitted models.
-Reach = Callable[[Sequence[Fitted]], Options]
+CandidatesFor = Callable[[Sequence[Fitted]], Options]
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,11 @@ def next_measurements(
 
 
 def planned(
-    reach: Reach, found_causes: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
+    candidates_for: CandidatesFor,
+    found_causes: Sequence[tuple[Cause, Fitted]],
+    rivals: Sequence[Rivals],
+    *,
+    least_known: bool = False,
 ) -> tuple[list[MeasurementPlan], dict[str, Advice]]:
     """Return the next measurements, and advice by a cause's key: for each found cause without rivals, and for each pair
     of rivals.
@@ -281,7 +285,7 @@ def planned(
     """
     plans: list[MeasurementPlan] = []
     advice: dict[str, Advice] = {}
-    assessed = [(_separating_plan(reach, pair), pair) for pair in rivals]
+    assessed = [(_separating_plan(candidates_for, pair), pair) for pair in rivals]
     for plan, pair in sorted(assessed, key=lambda plan_and_pair: plan_and_pair[0].effort):
         plans.append(plan)
         for cause, rival in ((pair.cause, pair.other), (pair.other, pair.cause)):
@@ -292,14 +296,14 @@ def planned(
             if largest is None:
                 advice[cause.key] = _confirming(cause, fitted.model.part_count)
                 continue
-            plan, advice[cause.key] = _sharper(reach, largest, fitted)
+            plan, advice[cause.key] = _sharper(candidates_for, largest, fitted)
             plans.append(plan)
     return plans, advice
 
 
-def _separating_plan(reach: Reach, pair: Rivals) -> MeasurementPlan:
+def _separating_plan(candidates_for: CandidatesFor, pair: Rivals) -> MeasurementPlan:
     both = pair.fitted, pair.other_fitted
-    options = reach(both)
+    options = candidates_for(both)
     rivals = options.linearised(both[0]), options.linearised(both[1])
     choice = discriminating_poses(
         rivals, (_unshared_unknowns(*both), _unshared_unknowns(*both[::-1])), ODDS, _MOST, pair.log_odds
@@ -346,9 +350,9 @@ def _confirming(cause: Cause, legs: int) -> Advice:
     return confirming(claim_of(cause, legs), cause.confirm)
 
 
-def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[MeasurementPlan, Advice]:
+def _sharper(candidates_for: CandidatesFor, largest: _Largest, fitted: Fitted) -> tuple[MeasurementPlan, Advice]:
     """Return the plan that reduces the uncertainty of a parameter, and the advice on it."""
-    options = reach((fitted,))
+    options = candidates_for((fitted,))
     choice = narrowed(options.linearised(fitted), largest.direction, _HALF, _MOST)
     name, legs = largest.name, fitted.model.part_count
     before, after = largest.uncertainty_words(1.0), largest.uncertainty_words(choice.final)

@@ -99,14 +99,12 @@ def _prior_in_model(
 def _words(campaign: str, prior: CampaignPrior, model: EffectsModel, compared: NumberComparison) -> str:
     changed = compared.changed()
     if changed is None:
-        return (
-            f"all that {campaign} knew of the machine and its effects: it was of another machine, or much was rebuilt"
-        )
+        return f"all information of {campaign} on the machine: it was another machine, or much was rebuilt"
     if not changed:
         return ""
     names = [number.label for number in numbers_of(prior, model)]
     texts = [" or ".join(names[i] for i in (index, *like_it)) for index, like_it in alternatives(compared, changed)]
-    return f"what {campaign} knew of {', '.join(texts)}, changed since"
+    return f"information of {campaign} on {', '.join(texts)}, which changed since"
 
 
 def changes_table(final: FittedModel) -> pa.Table | None:

@@ -28,7 +28,7 @@ ONE_CAMERA = "camera"
 """Default name of the camera."""
 
 _MARGIN = 0.01
-_UNKNOWN = ", or an empty cell where none is known: [noise] image_px holds there"
+_UNKNOWN = ", or an empty cell if unknown: [noise] image_px then holds"
 _COVARIANCE = ("cov_xx_px2", "cov_xy_px2", "cov_yy_px2")
 _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 
@@ -71,7 +71,7 @@ def read_rays(
     point, body, target = _names(rows, known.get("image_targets"))
     camera = _text(rows, "camera", ONE_CAMERA)
     _check_unique_point(rows, log, point)
-    _one_camera(rows, log, camera)
+    _check_one_camera(rows, log, camera)
     covariance = _covariance(rows, settings, log)
     named = _text(rows, "point")
     kind = {name: kind_of(name) for name in set(named)}
@@ -93,7 +93,7 @@ def read_rays(
     cameras_given = known.get("cameras_given")
     formats = {} if cameras_given is None else {row["camera"]: row for row in cameras_given.to_pylist()}
     photographs = _photographs(image_points, formats, rows, log, identifier)
-    _within_format(rows, camera, formats, log)
+    _check_within_format(rows, camera, formats, log)
     none = ARTIFACTS["image_rejections"].empty(identifier)
     return RayTables(image_points, photographs, none, dict(rows.left_out), _without_sigma(rows))
 
@@ -127,7 +127,7 @@ def _check_unique_point(collected: CollectedRows, log: FaultLog, point: Names) -
     collected.fault(log, again, column, "each point once in an image")
 
 
-def _one_camera(collected: CollectedRows, log: FaultLog, camera: Names) -> None:
+def _check_one_camera(collected: CollectedRows, log: FaultLog, camera: Names) -> None:
     """Fault of an image with several cameras."""
     first: dict[tuple[object, object], object] = {}
     keys = zip(collected.table.column("pose").to_pylist(), _text(collected, "image"), strict=True)
@@ -138,14 +138,14 @@ def _one_camera(collected: CollectedRows, log: FaultLog, camera: Names) -> None:
     collected.fault(log, second, "camera", "one camera for all points of an image")
 
 
-def _within_format(collected: CollectedRows, camera: Names, formats: Formats, log: FaultLog) -> None:
+def _check_within_format(collected: CollectedRows, camera: Names, formats: Formats, log: FaultLog) -> None:
     """Fault of rays outside the format of their camera by more than a hundredth of it."""
     for side, name in (("width_px", "x_px"), ("height_px", "y_px")):
         at = numbers(collected, name)
         for one, size_given in formats.items():
             if (size := size_given.get(side)) is not None:
                 outside = (camera == one) & ((at < -_MARGIN * size) | (at > (1 + _MARGIN) * size))
-                collected.fault(log, outside, name, f"a place within the format of camera {one}, {side} {size}")
+                collected.fault(log, outside, name, f"a position within the format of camera {one}, {side} {size}")
 
 
 def _covariance(collected: CollectedRows, settings: Campaign, log: FaultLog) -> Array:

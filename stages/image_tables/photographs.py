@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 # Below this number of pixels, starting a process takes longer than measuring them.
 _WORTH_PROCESSES = 30_000_000
-_TURNED = "its file says that it is {}; its pixels are taken as they stand"
+_TURNED = "its file says that it is {}; its pixels are used unchanged"
 
 
 @dataclass(frozen=True)

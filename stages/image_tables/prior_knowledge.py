@@ -250,7 +250,7 @@ def _principal_distance(row: TableRow) -> float | None:
 def regrouped(tables: Mapping[str, pa.Table], cameras: tuple[GivenCamera, ...], log: FaultLog) -> dict[str, pa.Table]:
     """Tables with columns pose, image and camera, in which photographs bear the camera that [[cameras]] gives them.
 
-    tables: photographs among them, by which groups are held against what there is.
+    tables: with photographs, against which the groups are checked.
     """
     groups = [camera_group for camera_group in cameras if camera_group.of is not None]
     if not groups:

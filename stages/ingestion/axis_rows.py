@@ -65,7 +65,7 @@ def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog, *, may_be_p
         rows = replace(rows, table=planned_readings(rows.table, settings))
         if not AxisColumns.of(axis, rows.table.column_names).encoders:
             log.add_missing(
-                f"noise.{MEASURED}_{axis.unit}", "a standard deviation of what will record the axis", rows.first_file
+                f"noise.{MEASURED}_{axis.unit}", "the standard deviation of the instrument", rows.first_file
             )
             log.raise_faults()
     columns = AxisColumns.of(axis, rows.table.column_names)

@@ -45,7 +45,9 @@ def read_distances(
     rows.fault(log, ends[0] == ends[1], "to", "another end than from")
     sigma = sigmas(rows, ("sigma_mm",), settings.noise.point_mm, "noise.point_mm", "the distances", log)[:, 0]
     both = np.array([a.startswith(STATION) and b.startswith(STATION) for a, b in zip(*ends, strict=True)], bool)
-    rows.fault(log, both, "to", "a target at one end at least: the distance of two stations tells nothing of the chain")
+    rows.fault(
+        log, both, "to", "a target at one end at least: the distance of two stations has no information on the chain"
+    )
     is_number = pa.types.is_int64(poses.type) and pa.types.is_int64(pose.type)
     columns: dict[str, object] = {"pose": pose if is_number else pose.cast(pa.string())}
     for key, end in zip(("from", "to"), ends, strict=True):

@@ -137,7 +137,7 @@ def _resurvey_settings(
             log.add(Fault(_FILE, text, column=f"{column}.moved", value=target))
         where = None if entry.from_pose is None else window(order, entry.from_pose, None, column, log)
         if where is not None and where[0] in since:
-            text = f"a pose of its own; {since[where[0]]} holds from this one on, too"
+            text = f"another first pose; {since[where[0]]} holds from this one on, too"
             log.add(Fault(_FILE, text, column=f"{column}.from_pose", value=str(entry.from_pose)))
         since |= {} if where is None else {where[0]: column}
         why = ": ".join(filter(None, (entry.by, entry.reason)))

@@ -147,7 +147,7 @@ def check_roles(collected: CollectedRows, log: FaultLog) -> None:
     _, first, at = np.unique(numbered(collected, "run")[rows], return_index=True, return_inverse=True)
     is_unknown = np.zeros(len(collected.table), dtype=bool)
     is_unknown[rows] = role != role[first[at]]
-    collected.fault(log, is_unknown, "role", "one role for all of a run: it is held out as a whole, or not")
+    collected.fault(log, is_unknown, "role", "one role for a whole run")
 
 
 def without_transit(collected: CollectedRows) -> CollectedRows:

@@ -98,7 +98,7 @@ def _check_noise(readings: pa.Table, keys: dict[str, str], log: FaultLog) -> Non
     unknown = set(readings.filter(pc.is_null(readings.column("sigma"))).column("channel").to_pylist())
     for kind, key in keys.items():
         if channels_of_kind := sorted(channel for channel in unknown if channel.startswith(kind)):
-            expected = f"one standard deviation of what {', '.join(channels_of_kind)} will read, to draw it with"
+            expected = f"the standard deviation of channels {', '.join(channels_of_kind)}, to simulate their readings"
             log.add(Fault("campaign.toml", expected, column=f"noise.{key}"))
 
 
@@ -113,10 +113,12 @@ def _planned_signals(
     for key, value in needed.items():
         if value is None:
             log.add(
-                Fault("campaign.toml", f"a number, to draw the signals that {collected.first_file} plans", column=key)
+                Fault(
+                    "campaign.toml", f"a number, to simulate the signals that {collected.first_file} plans", column=key
+                )
             )
     if len(names) != _LEGS or settings.mechanism.type != "6-upur":
-        expected = "six signals, of the legs of a 6-upur: of others nothing says what to expect"
+        expected = "six signals, one per leg of a 6-upur: no others can be simulated"
         log.add(Fault(collected.first_file, expected, value=", ".join(names)))
     table = signal_table(_with_zeros(collected, names), settings, readings, log)
     return None if table is None else table.table

@@ -38,7 +38,7 @@ _COLUMN = "mechanism.model"
 _WRITTEN = "a model.toml that a run has written"
 # What the earlier run wrote of itself; the copy has a provenance of its own.
 _PROVENANCE = re.compile(r"^\[provenance\].*?(?=^\[|\Z)", re.MULTILINE | re.DOTALL)
-_ELASTIC = "six legs with flexure_length_mm, flexure and leg_tube: only the stiffness model takes up a load"
+_ELASTIC = "six legs with flexure_length_mm, flexure and leg_tube: only the stiffness model includes a load"
 # On a chain a target without a place is an unknown.
 _TARGETS_OF_CHAINS = replace(
     TARGETS, required=("body", "target"), optional=(*TARGETS.optional, *COORDINATES), may_be_empty=COORDINATES

@@ -135,7 +135,7 @@ def _remedy(plan: PhotographPlan) -> str:
     scaled = 1e3 * float(np.nanmax(largest_sigma(plan.prediction.with_known_scale)))
     other_variance = max(plan.worst_mm**2 - scaled**2, 0.0)
     if other_variance >= wanted**2:
-        return f": the scale bars alone leave {np.sqrt(other_variance):.2g} mm, whatever is photographed"
+        return f": the scale bars alone leave {np.sqrt(other_variance):.2g} mm for any photographs"
     more = int(np.ceil(plan.stations.count * scaled**2 / (wanted**2 - other_variance)))
     return f": about {count_text(more, 'photograph')} would, or a better camera"
 

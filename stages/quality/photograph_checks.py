@@ -169,8 +169,8 @@ def _stability_within_pose(camera: str, figures: Figures) -> Check:
     if trips:
         text = (
             f"Camera {camera}: one principal distance does not fit all photographs (p = {p_value:.2g}), and no few of "
-            "them stand out. The lens moves with the camera's roll or focus, the object moved, or the model of the "
-            "distortion lacks a term. Points are less certain than stated."
+            "them are the cause. The lens moves with the camera's roll or focus, the object moved, or the model of "
+            "the distortion lacks a term. Points are less certain than stated."
         )
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", WARN if trips else PASS, text)
 

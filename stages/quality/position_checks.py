@@ -188,7 +188,7 @@ def _temperature(run: PositioningRun) -> Check:
     out_of_reach = temperatures_out_of_reach(run.temperature_c.ravel())
     worst = float(np.nanmax(np.abs(run.temperature_c)))
     text = f"Run {run.name}: the axis' temperature is {worst:.4g} °C at most"
-    text += ", beyond what a laboratory has; is the unit right?" if len(out_of_reach.where) else "."
+    text += ", which no laboratory has; is the unit right?" if len(out_of_reach.where) else "."
     verdict = FAIL if len(out_of_reach.where) else PASS
     return Check("axis-temperature", run.subject, worst, out_of_reach.limit, "degC", verdict, text)
 
@@ -283,8 +283,8 @@ def _directions(run: PositioningRun) -> Check:
         text = f"Run {run.name}: in cycle {names} forward and backward are exchanged: their reversal has the sign "
         text += "opposite to that of the others."
     elif contrary:
-        text = f"Run {run.name}: by the order of the rows the axis moved backward wherever forward is written, and "
-        text += "forward wherever backward is. Exchanged, the reversal changes its sign; nothing else does."
+        text = f"Run {run.name}: by the order of the rows forward and backward are exchanged. "
+        text += "This changes the sign of the reversal, and nothing else."
     elif not _shows_movements(run):
         why = "the order of the rows does not show how the axis moved, so an exchange in a whole run cannot be detected"
         return not_evaluated("directions", "approach-directions", run.subject, why)

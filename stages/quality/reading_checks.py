@@ -1,4 +1,4 @@
-"Checks of a loaded platform's readings by channel: units, signs, labels, noise, jumps, drift, zeros, repeatability."
+"""Checks of a loaded platform's readings by channel: units, signs, labels, noise, jumps, drift, zeros, repeats."""
 
 from __future__ import annotations
 

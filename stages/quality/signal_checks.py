@@ -70,7 +70,7 @@ def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int],
 
 
 def _saturated_samples(view: LoadingView, at: int, name: str, settings: Campaign) -> Check:
-    """Samples at an end of the amplifier's range, which a signal meets as a wall."""
+    """Samples at an end of the amplifier's range, where the signal is clipped."""
     steps = view.steps
     rows = np.flatnonzero(np.isfinite(steps.signal[:, at]))
     if not len(rows):
@@ -78,14 +78,14 @@ def _saturated_samples(view: LoadingView, at: int, name: str, settings: Campaign
     value = steps.signal[rows, at]
     range_mv, are_means = settings.signals.range_mv, settings.signals.average_samples
     limit = None if range_mv is None else range_mv * _MILLIVOLT
-    wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
-    wall[saturated(value, predicted_by_loads(steps.load[rows], value)).where] = True
-    places = view.places(rows[wall])
+    is_clipped = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
+    is_clipped[saturated(value, predicted_by_loads(steps.load[rows], value)).where] = True
+    places = view.places(rows[is_clipped])
     text = f"{name}: no sample is at an end of its range."
     if are_means:
         text = f"{name}: no mean of samples is at an end of its range; single samples were not tested."
     if places:
-        ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
+        ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[is_clipped]))
         text = (
             f"{name}: {count_text(len(places), 'sample')} {'is' if len(places) == 1 else 'are'} "
             f"cut at {ends}: {listed(places)}."

@@ -25,7 +25,7 @@ def poses_table(
     bodies: Sequence[BodyPoses], reference: str | None, identifier: str, frame: str = MEASUREMENT
 ) -> pa.Table:
     """One row per pose, body and method; bodies other than the reference are seen from it, those of a campaign without
-    it from ``frame``: what the frame of the measurement is called."""
+    it from ``frame``, the name of the measurement's frame."""
     base = next((body for body in bodies if body.name == reference), None)
     parts = [
         _pose_columns(body, method, None if body is base else base, frame) for body in bodies for method in body.fits

@@ -103,8 +103,8 @@ def predicted_by_matrix(
 ) -> Iterator[PredictionErrors]:
     """Yield errors of loads (N, N m) by the calibration of the data as recorded, and with findings applied.
 
-    The latter is held against the loads that act by these findings, as far as they last. Raises CampaignFaults where
-    the second campaign is of another sensor, ValueError, saying why, where G_B predicts nothing of it.
+    The latter is compared with the loads that act by the persistent findings. Raises CampaignFaults where
+    the second campaign is of another sensor, ValueError with the reason where G_B predicts nothing of it.
     """
     if not all(
         "signals" in tables_of_campaign and tables_of_campaign["signals"].num_rows

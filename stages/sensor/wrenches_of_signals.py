@@ -41,7 +41,7 @@ def wrenches_of_signals(sensor: CalibratedSensor, table: pa.Table, file: str) ->
         try:
             wrenches = sensor.wrench(signals[rows], covariates[rows], signals[unloaded])
         except UnreachedSignalsError as error:
-            raise CampaignFaults([Fault(file, f"signals of loads that the calibration can tell ({error})")]) from None
+            raise CampaignFaults([Fault(file, f"signals of loads that the calibration determines ({error})")]) from None
         value[rows], covariance[rows], within[rows] = wrenches.value, wrenches.covariance, wrenches.is_within
     return _table(table, value, covariance, within)
 

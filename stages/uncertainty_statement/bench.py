@@ -44,7 +44,7 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
         return
     rows = [row for row in table.to_pylist() if row["model"] == _MODEL and row["sigma"]]
     if not rows:
-        statement.not_evaluated("compliance", "all", "the loads do not tell it")
+        statement.not_evaluated("compliance", "all", "the loads do not determine it")
         return
     loaded = loaded_steps(tables, settings.noise, simulated_compliance(settings, tables.get("given_compliance")))
     declared = settings.noise.linear_um is not None and settings.noise.angular_arcsec is not None

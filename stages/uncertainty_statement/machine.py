@@ -141,7 +141,7 @@ def state_positioning(statement: Statement, tables: Mapping[str, pa.Table], sett
     for run in dict.fromkeys(row["run"] for row in rows):
         rows_of_run = [row for row in rows if row["run"] == run and row.get("sigma") is not None]
         if not rows_of_run:
-            statement.not_evaluated("positioning", "all", "too few cycles tell no uncertainty", f"run {run}")
+            statement.not_evaluated("positioning", "all", "too few cycles for an uncertainty", f"run {run}")
             continue
         rows_measured = measured.filter([str(name) == str(run) for name in measured.column("run").to_pylist()])
         target, deviation = deviations(rows_measured)

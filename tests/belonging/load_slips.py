@@ -19,8 +19,8 @@ LINEAR = ("dx", "dy", "dz")
 
 @dataclass(frozen=True)
 class Made:
-    """What was done, as the right answer: relation, kind, the quantities that may be named, who it concerns (all of
-    them named), and what makes the numbers right."""
+    """The slip made, as the right answer: relation, kind, quantities that may be named, subjects that must all be
+    named, and the correction."""
 
     relation: str
     kind: str
@@ -65,7 +65,7 @@ class Tables:
         return str(self.readings.loc[self.readings["run"] == run, "load_axis"].iloc[0])
 
     def without_range(self) -> None:
-        """[loading] left out: nobody said how far the loads go."""
+        """Leave [loading] out: the range of the loads is unknown."""
         if "[loading]" in self.toml:
             before, after = self.toml.split("[loading]", 1)
             self.toml = before + after[after.index("\n[") + 1 :] if "\n[" in after else before

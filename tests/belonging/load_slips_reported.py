@@ -19,7 +19,7 @@ RIGHT, RIVAL, OTHER, NO_NAME, HIDDEN, SILENT = "right", "among rivals", "another
 
 @dataclass(frozen=True)
 class Reported:
-    """How a slip was reported, and the rows of the artifact ``belonging``."""
+    """Outcome of a slip's report, and the rows of the artifact ``belonging``."""
 
     how: str
     rows: list[dict[str, Any]]
@@ -42,7 +42,7 @@ def judge(folder: Path, made: Made) -> Reported:
 
 
 def is_it(slip: Mapping[str, Any], made: Made) -> bool:
-    """Whether a slip is the one that was made: its kind, quantity, size, and all whom it concerns and no others."""
+    """Return True if a reported slip is the one that was made: kind, quantity, size, and exactly its subjects."""
     if slip["kind"] != made.kind or (made.quantities and slip["quantity"] not in made.quantities):
         return False
     size = made.kind not in ("unit", "counted-in-fringes") or np.isclose(slip["factor"], made.factor, rtol=1e-3)
@@ -50,7 +50,7 @@ def is_it(slip: Mapping[str, Any], made: Made) -> bool:
 
 
 def may_be(slip: Mapping[str, Any], made: Made) -> bool:
-    """Whether a slip that was declared as hidden holds the one that was made."""
+    """Return True if a slip declared as hidden includes the one that was made."""
     if slip["kind"] != made.kind or slip["quantity"] not in (*made.quantities, "reading", "rows"):
         return False
     whole = not made.subjects and set(slip["subjects"]) <= {"all runs", "any two in all runs"}

@@ -45,7 +45,7 @@ class PointSlip:
 
 
 def read_files(folder: Path) -> Files:
-    """Read a campaign folder whose tables stand in plain CSV."""
+    """Read a campaign folder whose tables are plain CSV."""
     toml = tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
     tables = (pd.read_csv(folder / f"{name}.csv") for name in ("configurations", "points", "targets"))
     return Files(toml, *tables)
@@ -255,7 +255,7 @@ def _some_sign(files: Files, rows: np.ndarray) -> None:
 
 
 def _some_shifted(files: Files, rows: np.ndarray) -> None:
-    """The readings of some rows stand in the row after theirs, the last of them in the first."""
+    """Shift the readings of some rows by one row, the last of them to the first."""
     at = np.flatnonzero(rows)
     values = files.configurations[files.rho].to_numpy().copy()
     values[at] = values[np.roll(at, 1)]

@@ -138,7 +138,7 @@ FINE = {3600.0: "arc seconds"}
 
 
 @pytest.mark.parametrize("of", [np.abs, np.negative, np.radians, lambda command: 5.0 * np.round(command / 5.0)])
-def test_what_follows_the_command_is_no_scatter_in_another_unit(of) -> None:  # type: ignore[no-untyped-def]
+def test_effects_of_the_command_are_no_scatter_in_another_unit(of) -> None:  # type: ignore[no-untyped-def]
     command = np.tile([-83.0, -61.0, -40.0, -17.0, 3.0, 24.0, 45.0, 66.0, 88.0, 52.0], 8)
     noise = 1e-3 * np.random.default_rng(2).normal(size=len(command))
     for declared in (3e-4, 6e-4, 1e-3, 3e-3):

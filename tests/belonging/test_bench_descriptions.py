@@ -69,7 +69,7 @@ def test_other_stiffnesses_are_no_other_description(tmp_path: Path, stiffness: f
 
 
 def test_legs_that_do_not_carry_every_load_explain_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where legs moved on by one are singular, they predict no signals, and so miss none."""
+    """Legs with singular geometry predict no signals, so they cannot explain the data."""
     known = KnownBench((), None, np.eye(6), None, np.ones(6), 1.0, tared=False)
     slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "b_mm", ("legs moved on by 1",))
 

@@ -89,7 +89,7 @@ def test_a_slip_in_some_runs_is_named_with_them(change: Change, kind: SlipKind, 
 
 
 @pytest.mark.parametrize(("runs", "place"), [(1, "from step 100 on"), (2, "from run 2 step 100 on")])
-def test_where_a_run_holds_several_loads_a_slip_begins_at_a_step(runs: int, place: str) -> None:
+def test_in_a_run_of_several_loads_a_slip_begins_at_a_step(runs: int, place: str) -> None:
     tested = response_test(late_sign, runs=runs)
     assert tested is not None
     assert tested.slips[0].subjects == ("v3", place)

@@ -182,7 +182,7 @@ def test_the_order_of_columns_and_targets_does_not_matter() -> None:
 
 @pytest.mark.parametrize(("wrong", "is_named"), [(4, True), (12, False)])
 def test_only_few_poses_are_called_misread(wrong: int, is_named: bool) -> None:
-    """Where a third of all poses disagree for no known reason, no single mistakes are named."""
+    """If a third of all poses disagree for no known reason, no single pose is called misread."""
 
     def elsewhere(_: np.ndarray, values: np.ndarray) -> None:
         values[:wrong] += 0.1 * np.random.default_rng(5).normal(size=(wrong, 1, 3))

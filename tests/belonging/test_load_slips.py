@@ -76,7 +76,7 @@ def test_the_sample_belongs_together_and_says_what_it_could_not_show() -> None:
     assert any(slip["kind"] == "unit" and slip["quantity"] == "signal" for slip in unseen)  # no sensitivity is declared
 
 
-def test_what_rests_on_a_failed_relation_is_not_evaluated_until_a_person_accepts_it(tmp_path: Path) -> None:
+def test_stages_after_a_failed_relation_wait_for_acceptance_by_the_user(tmp_path: Path) -> None:
     readings, signals = measured(np.random.default_rng(3))
     for table in (readings, signals):
         table["load"] *= 1e-3
@@ -175,7 +175,7 @@ def test_a_cut_signal_is_not_frozen_and_a_still_one_is() -> None:
     assert [one.run for one in frozen(load, run, still, matrix, np.array([np.nan]))] == [0]
 
 
-def test_equal_numbers_tell_a_copy_only_where_noise_would_have_shown() -> None:
+def test_equal_numbers_show_a_copy_only_where_noise_would_have_shown() -> None:
     rng = np.random.default_rng(2)
     load = np.zeros((40, 6))
     load[:, 0] = np.tile(np.linspace(-1.0, 1.0, 20), 2)

@@ -60,7 +60,7 @@ def test_a_zero_off_by_some_degrees_is_no_slip() -> None:
         lambda true: Rotation.from_rotvec(true.as_rotvec() * [1.0, 1.0, -1.0]),
     ],
 )
-def test_what_an_unknown_base_and_tool_make_equal_is_one_slip(changed: Callable[[Rotation], Rotation]) -> None:
+def test_inversions_equal_up_to_base_and_tool_are_one_slip(changed: Callable[[Rotation], Rotation]) -> None:
     misfit = misfit_of(changed(MEASURED))
     assert slip_subjects(misfit) == {"inversion"}
     assert misfit.after < 3e-3 < 0.1 * misfit.before
@@ -108,7 +108,7 @@ def test_single_orientations_far_from_the_others_are_reported_and_do_not_count()
 
 
 @pytest.mark.parametrize(("right", "read"), [("xyz", "XYZ"), ("ZYX", "xyz"), ("yzx", "XYZ")])
-def test_positions_tell_the_order_of_euler_angles_from_its_cyclic_exchanges(right: str, read: str) -> None:
+def test_positions_distinguish_the_order_of_euler_angles_from_its_cyclic_exchanges(right: str, read: str) -> None:
     places = RNG.normal(size=(40, 3))
     seen = places @ BASE.as_matrix().T + MEASURED.as_matrix() @ [0.1, 0.05, 0.2] + [1.0, 2.0, 3.0]
     seen += 1e-3 * RNG.normal(size=(40, 3))

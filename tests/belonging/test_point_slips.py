@@ -100,7 +100,7 @@ def test_two_slips_at_once_are_both_named(files: Files, tmp_path: Path) -> None:
     assert {"unit", "columns-exchanged"} <= kinds
 
 
-def test_the_command_line_tells_a_slip_before_and_in_a_run(files: Files, tmp_path: Path) -> None:
+def test_the_command_line_reports_a_slip_before_and_in_a_run(files: Files, tmp_path: Path) -> None:
     slipped = copy.deepcopy(files)
     slipped.configurations[slipped.rho] *= 1e-3
     folder = write_files(slipped, tmp_path / "c")
@@ -160,7 +160,7 @@ def test_a_slip_in_the_points_of_some_poses_is_named_with_these_and_blames_no_re
     assert (slip["factor"], slip["subjects"][0]) == (pytest.approx(factor), wanted)
 
 
-def test_what_no_slip_explains_in_some_rows_has_no_name(files: Files, tmp_path: Path) -> None:
+def test_wrong_rows_that_no_slip_explains_get_no_name(files: Files, tmp_path: Path) -> None:
     slipped = copy.deepcopy(files)
     count = len(slipped.configurations)
     rows = slice(count // 4, count // 2)

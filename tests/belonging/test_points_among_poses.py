@@ -94,7 +94,7 @@ def test_without_a_majority_the_other_poses_are_equally_likely(first: int) -> No
     assert [slip.subjects[0] for slip in found.rivals] == [f"up to pose P{first - 1}"]
 
 
-def test_three_targets_tell_a_unit_and_no_mirror_image() -> None:
+def test_three_targets_show_a_unit_and_no_mirror_image() -> None:
     points = _points(targets=3)
     _exchanged_axes(points)
     assert relate_poses(_body(points)).state is RelationState.OK
@@ -135,6 +135,6 @@ def _distances(shape: np.ndarray) -> np.ndarray:
     return np.linalg.norm(shape[:, None] - shape, axis=-1)
 
 
-def test_two_poses_do_not_tell_which_one_is_right() -> None:
+def test_two_poses_do_not_show_which_one_is_right() -> None:
     body = _body(_points())
     assert relate_poses(body.subset(np.arange(2))).state is RelationState.NOT_TESTED

@@ -53,7 +53,8 @@ def test_a_mirror_image_in_some_poses_is_reported_by_its_axes(
 
 
 def test_poses_that_travel_far_have_the_same_changed_axes_as_the_others() -> None:
-    """Where the machine travels as far as it lies from the instrument, single poses are near by another change too."""
+    """If the travel is as large as the distance to the instrument, another change also explains single poses
+    approximately."""
     for seed in range(5):
         body = _changed(_body(seed, travel=0.25), slice(8, None), lambda p: p * [1.0, 1.0, -1.0])
         (slip,) = relate_survey(body).slips
@@ -110,7 +111,7 @@ def _gross(points: np.ndarray) -> np.ndarray:
     ],
 )
 @pytest.mark.parametrize("targets", [4, 9])
-def test_what_a_good_campaign_may_hold_is_no_slip(
+def test_deformations_moved_targets_and_small_errors_of_scale_are_no_slip(
     rows: slice, change: Callable[[np.ndarray], np.ndarray], targets: int
 ) -> None:
     for seed in range(10):
@@ -142,7 +143,7 @@ def test_a_gross_error_within_a_stretch_does_not_split_it() -> None:
 
 @pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4])
 def test_a_survey_on_a_grid_is_not_taken_for_rounded_points(step: float) -> None:
-    """Drawing numbers: targets stand where they were made, up to a tenth of a step or at random within it."""
+    """Targets lie on the grid of the drawing, up to a tenth of a step, or at random within it."""
     for made in (0.1, 0.5):
         for seed in range(4):
             body = _body(seed)

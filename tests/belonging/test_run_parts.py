@@ -65,7 +65,7 @@ FROM_8 = "run 5 from step"
         pytest.param(_copied, True, {SIGNALS}, "copied", 1.0, "v3", id="a copied signal"),
     ],
 )
-def test_what_concerns_a_part_of_the_rows_is_named(
+def test_a_slip_in_some_rows_is_named_with_its_place(
     tmp_path: Path,
     make: Callable[[pd.DataFrame, pd.DataFrame], None],
     own_channel: bool,
@@ -125,7 +125,7 @@ def test_an_answer_to_both_signs_alike_is_a_turned_part_only_of_a_channel_that_s
     assert not parts(load, run, value, CHANNELS, np.eye(6))
 
 
-def test_signals_name_the_slip_of_loads_that_readings_tell(tmp_path: Path) -> None:
+def test_signals_name_the_slip_of_loads_that_readings_show(tmp_path: Path) -> None:
     readings, signals = (pd.read_csv(SAMPLE / f"{name}.csv") for name in ("interferometer", "signals"))
     for table in (readings, signals):
         table["load"] /= np.where(table["load_axis"].str.startswith("f"), 4.4482216152605, 1.0)

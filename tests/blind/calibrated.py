@@ -83,7 +83,7 @@ class Calibrated:
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """What the chosen calibration identified, with the truth of each."""
+        """Parameters identified by the chosen calibration, each with its true value."""
         rows = self._of_chosen("calibration")
         rows["true"] = [self._true(row.parameter, int(row.leg) - 1) for row in rows.itertuples()]
         return rows

@@ -99,7 +99,7 @@ def model_of(campaign: Campaign, make: Callable[[float, float], Cause] | None) -
 
 
 def points_of(model: MechanismModel, values: NDArray, measured: NDArray) -> NDArray:
-    """What the model says; each leg turned about its own axis as it was measured, which no closure fixes."""
+    """Points by the model; each leg is turned about its own axis as measured, because no closure fixes that angle."""
     shared = np.zeros(model.shared_size)
     if model.causes:
         sigma = np.concatenate([model.effect_sigma(cause) for cause in model.causes])

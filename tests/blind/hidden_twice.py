@@ -57,7 +57,7 @@ class Ground:
 
     @property
     def settings(self) -> Settings:
-        """What campaign.toml says."""
+        """Settings of campaign.toml."""
         return self._plain[1]
 
     @cached_property

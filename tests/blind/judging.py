@@ -105,7 +105,7 @@ class Assessed:
 
     @property
     def detected(self) -> bool:
-        """Whether something is found, or an effect of which only the name is open among others."""
+        """Return True if a cause is found, or an effect whose name is open among several."""
         return bool(self.found) or any(_is_open(row) for row in self.record["findings"])
 
     @property
@@ -115,7 +115,7 @@ class Assessed:
 
     @property
     def invented(self) -> list[str]:
-        """What was found although nobody had hidden it, nor what it cannot be distinguished from."""
+        """Causes found that are neither hidden nor indistinguishable from a hidden one."""
         hidden = {effect.cause for effect in self.hidden}
         if self.missed:  # a wrong name in place of the right one is a matter of naming
             return []
@@ -125,14 +125,13 @@ class Assessed:
         return [f"{row.cause} {' '.join(sorted(row.subject))}".strip() for row in names[len(spare) :]]
 
     def misplaced(self, effect: Hidden) -> bool:
-        """Whether the rows of the cause that was hidden name other legs or targets."""
+        """Return True if the rows of the hidden cause name other legs or targets."""
         rows = [row for row in self.reported if row.cause == effect.cause]
         best = [row for row in rows if row.verdict == "found"] or rows
         return frozenset[str]().union(*(row.subject for row in best)) != effect.subject
 
     def follows_right(self, effect: Hidden, least: float = 0.0) -> bool:
-        """Whether what is reported as unexplained names all that the effect follows by a part of at least that
-        strength."""
+        """Return True if the rows of unexplained effects name all inputs whose part is at least that strong."""
         rows = [row for row in self.found if row.cause == "unexplained"]
         named = frozenset[str]().union(*(row.follows for row in rows))
         if not effect.follows:
@@ -162,7 +161,7 @@ class Assessed:
 
     @property
     def unpaid(self) -> list[str]:
-        """What was found although errors do not fall with it: as fitted, or by more than 2 % on what was held out."""
+        """Causes found that raise the errors: fitted ones by more than 0.1 %, or held-out ones by more than 2.5 %."""
         rows = [(row.cause, row.figures) for row in self.found if "noise_ratio" not in row.value]
         fitted = {cause for cause, own in rows if _grows(own, "", 1e-3)}
         return sorted(fitted | {cause for cause, own in rows if _grows(own, "heldout_", 0.025)})
@@ -309,7 +308,7 @@ def _call_here(words: list[str]) -> tuple[int, str]:
 
 
 def _processor_seconds() -> float:
-    """What this process and all calls so far have taken: unlike the clock's time, it knows no neighbours."""
+    """Processor time of this process and its calls so far, s; unlike wall time, it does not depend on other load."""
     return sum(os.times()[:4])
 
 
@@ -319,7 +318,7 @@ def _one_thread() -> dict[str, str]:
 
 
 def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
-    """All that is judged of one run, as plain values."""
+    """Plain values of one run that are assessed."""
     import pyarrow.parquet as pq
 
     truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))

@@ -18,7 +18,7 @@ CLEAR_OF_TWO = 8.0
 
 @dataclass(frozen=True)
 class Count:
-    """How many campaigns of those that count did as they should, and which did not."""
+    """Number of counted campaigns with the right result, and the names of the others."""
 
     good: int
     trials: int
@@ -29,11 +29,11 @@ class Count:
         return self.good / self.trials if self.trials else float("nan")
 
     def falls_short(self, wanted: float) -> bool:
-        """Whether a diagnosis that does right with the wanted probability is as bad less than once in a thousand."""
+        """Return True if so few right results have a probability below 1/1000 at the wanted rate."""
         return self.good < fewest_of(self.trials, wanted) if self.trials else False
 
     def exceeds(self, allowed: float) -> bool:
-        """Whether one that does so with the allowed probability does it as often less than once in a thousand."""
+        """Return True if so many results have a probability below 1/1000 at the allowed rate."""
         return self.good > most_of(self.trials, allowed) if self.trials else False
 
 
@@ -57,7 +57,7 @@ def _count(
 
 
 def is_clear(campaign: Assessed) -> bool:
-    """Whether everything that is hidden is strong enough to be found in nearly all campaigns."""
+    """Return True if every hidden effect is strong enough to be found in nearly all campaigns."""
     two = len(campaign.hidden) > 1
     return all(effect.strength >= 0.99 * clear_from(effect.cause, two=two) for effect in campaign.hidden)
 
@@ -69,7 +69,7 @@ def clear_from(cause: str, *, two: bool = False) -> float:
 
 
 def summary(campaign: Assessed) -> str:
-    """What was hidden in a campaign and what was found, in one line."""
+    """One line with the hidden and the found effects of a campaign."""
     hidden = (
         ", ".join(f"{e.kind} {' '.join(sorted(e.subject))} at {e.strength:.1f}" for e in campaign.hidden) or "nothing"
     )

@@ -250,7 +250,7 @@ def test_a_notation_changes_no_link() -> None:
         assert np.allclose(*moved, atol=1e-12)
 
 
-def test_what_a_file_leaves_free_takes_up_effects() -> None:
+def test_parameters_without_tolerance_absorb_effects() -> None:
     """Without tolerances links are free: so is the place of a tool whose poses are measured."""
     seeds = (seed for seed in range(100) if draw(seed, causes=(), layout="bench-5r", poses=40).bench.tolerance is None)
     bench = draw(next(seeds), causes=(), layout="bench-5r", poses=40).bench
@@ -285,7 +285,7 @@ def test_an_offset_never_shows_stronger_than_its_prior_allows() -> None:
     assert effect.strength <= 1.01 * abs(effect.size) / own
 
 
-def test_a_least_squares_fit_takes_up_what_it_fits() -> None:
+def test_a_least_squares_fit_absorbs_what_it_fits() -> None:
     bench = draw(3, layout="bench-5r", instrument="points-campaign", causes=(), poses=40).bench
     fit = linear_fit(bench)
     whole = np.tile(np.array([1e-4, 2e-4, -1e-4, 1e-4, 1e-4, -2e-4]), (40, 1))
@@ -435,7 +435,7 @@ def test_one_seed_gives_one_campaign_and_effects_are_the_only_difference(tmp_pat
     assert np.array_equal(within.readings, without.readings)
 
 
-def test_two_effects_at_once_show_beside_each_other() -> None:
+def test_two_effects_at_once_show_next_to_each_other() -> None:
     campaign = draw(6, causes=("joint-eccentricity", "joint-backlash"), poses=60)
     assert [effect.cause for effect in campaign.effects] == ["joint-eccentricity", "joint-backlash"]
 

@@ -29,7 +29,7 @@ WRONG, MISNAMED = 0.05, 0.1
 
 
 def _drawn() -> dict[str, list[tuple[str, ...]]]:
-    """What is hidden, campaign by campaign: nothing; one cause; two at once; effects of no catalogue."""
+    """Hidden effects by campaign: none; one cause; two causes; effects outside the catalogue."""
     rng = np.random.default_rng([SEED, 4])
     names = rng.choice(sorted(CATALOGUE), ONE, replace=False).tolist()
     pairs: list[tuple[str, ...]] = [draw_two(rng) for _ in range(TWO)]
@@ -64,7 +64,7 @@ def assessed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Assesse
     return groups
 
 
-def test_each_judgement_can_fail_with_the_given_number_of_campaigns() -> None:
+def test_each_assessment_can_fail_with_the_given_number_of_campaigns() -> None:
     short = {(ONE, FOUND), (ONE, NAMED), (TWO, BOTH), (UNKNOWN, DRIVEN)}
     many = {(NOTHING, WRONG), (UNKNOWN, MISNAMED)}
     assert all(rates.Count(0, trials, ()).falls_short(wanted) for trials, wanted in short)
@@ -92,7 +92,7 @@ def test_errors_fall_with_everything_that_is_found(assessed: dict[str, list[Asse
     assert {one.name: one.unpaid for group in assessed.values() for one in group if one.unpaid} == {}
 
 
-def test_nothing_is_found_beside_what_was_hidden(assessed: dict[str, list[Assessed]]) -> None:
+def test_nothing_is_found_next_to_what_was_hidden(assessed: dict[str, list[Assessed]]) -> None:
     campaigns = assessed["one"] + assessed["two"]
     assert not rates.invented(campaigns).exceeds(WRONG), [
         rates.summary(campaign) for campaign in campaigns if campaign.invented

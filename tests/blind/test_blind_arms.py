@@ -85,7 +85,7 @@ def test_a_clear_effect_is_named_with_its_joint_or_link(hidden: list[AssessedArm
     assert right >= fewest_of(len(hidden), 0.95)
 
 
-def test_no_other_name_is_found_beside_it(hidden: list[AssessedArm]) -> None:
+def test_no_other_name_is_found_next_to_it(hidden: list[AssessedArm]) -> None:
     alone = sum(one.found <= one.hidden or bool(one.hidden & one.rivals) for one in hidden)
     assert alone >= fewest_of(len(hidden), 0.95)
 

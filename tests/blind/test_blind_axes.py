@@ -53,11 +53,11 @@ class AssessedAxis:
 
     @property
     def found(self) -> list[Verdict]:
-        """What was found."""
+        """Verdicts of found causes."""
         return [verdict for verdict in self.decided.verdicts if verdict.verdict == "found"]
 
     def pull(self, hidden: Hidden) -> float:
-        """How far the found size is from the hidden one, over its standard deviation."""
+        """Deviation of the found from the hidden size, in its standard deviations."""
         own = next(verdict for verdict in self.found if verdict.cause.id == hidden.cause)
         si = 1.0 if hidden.cause in FACTORS else SI[self.campaign.layout.kind]
         value, sigma = own.values[0], np.sqrt(own.covariance[0, 0])
@@ -111,7 +111,7 @@ def hidden() -> list[AssessedAxis]:
     return found
 
 
-def test_where_nothing_is_hidden_no_more_is_found_than_declared(clean: list[AssessedAxis]) -> None:
+def test_without_hidden_effects_false_alarms_stay_within_the_declared_rate(clean: list[AssessedAxis]) -> None:
     alarms = [one for one in clean if one.found or one.decided.noisy or one.decided.noise_dependences]
     assert len(clean) - len(alarms) >= fewest_of(len(clean), 1.0 - DECLARED)
 
@@ -127,7 +127,7 @@ def test_clear_errors_are_named_with_their_subject_among_those_reported(hidden: 
     assert len(named) >= fewest_of(len(hidden), 0.99)
 
 
-def test_nothing_is_found_beside_what_was_hidden_more_often_than_declared(hidden: list[AssessedAxis]) -> None:
+def test_nothing_is_found_next_to_what_was_hidden_more_often_than_declared(hidden: list[AssessedAxis]) -> None:
     alone = [one for one in hidden if len(one.found) == 1]
     assert len(alone) >= fewest_of(len(hidden), 1.0 - DECLARED)
 

@@ -34,7 +34,7 @@ def assessed(tmp_path_factory: pytest.TempPathFactory) -> list[Assessed]:
     return run_all([_write(names, number, home / f"blind-{number}") for number, names in enumerate([(), (one,)])], 1)
 
 
-def test_where_nothing_is_hidden_no_more_is_found_than_chance_does(assessed: list[Assessed]) -> None:
+def test_without_hidden_effects_no_more_is_found_than_by_chance(assessed: list[Assessed]) -> None:
     sure = [rates.summary(assessed[0]) for row in assessed[0].record["findings"] if row["p_value"] < UNLUCKY]
     assert not assessed[0].hidden
     assert not sure
@@ -50,7 +50,7 @@ def test_errors_fall_with_everything_that_is_found(assessed: list[Assessed]) -> 
     assert {one.name: one.unpaid for one in assessed if one.unpaid} == {}
 
 
-def test_nothing_is_found_for_sure_beside_what_was_hidden(assessed: list[Assessed]) -> None:
+def test_nothing_is_found_for_sure_next_to_what_was_hidden(assessed: list[Assessed]) -> None:
     own = {effect.cause for effect in assessed[1].hidden}
     beside = [row for row in assessed[1].record["findings"] if row["verdict"] == "found" and row["cause"] not in own]
     assert all(row["p_value"] >= UNLUCKY for row in beside), rates.summary(assessed[1])

@@ -24,7 +24,7 @@ NAMED = 0.99  # of effects so strong
 
 
 def _drawn() -> list[tuple[str, ...]]:
-    """What is hidden, campaign by campaign: nothing; one effect; two at once."""
+    """Hidden effects by campaign: none; one; two."""
     rng = np.random.default_rng([SEED, 6])
     ones = rng.choice(sorted(CATALOGUE), ONE, replace=False).tolist()
     return [(), *((name,) for name in ones), draw_two(rng)]
@@ -44,7 +44,7 @@ def assessed(tmp_path_factory: pytest.TempPathFactory) -> list[Assessed]:
     return run_all([_write(names, number, home / f"blind-{number}") for number, names in enumerate(_drawn())], 1)
 
 
-def test_where_nothing_is_hidden_a_search_of_everything_finds_no_more_than_chance(
+def test_without_hidden_effects_a_full_search_finds_no_more_than_chance(
     assessed: list[Assessed],
 ) -> None:
     plain = [one for one in assessed if not one.hidden]
@@ -66,13 +66,13 @@ def test_errors_fall_with_everything_that_is_found(assessed: list[Assessed]) -> 
     assert {one.name: one.unpaid for one in assessed if one.unpaid} == {}
 
 
-def test_nothing_is_found_for_sure_beside_what_was_hidden(assessed: list[Assessed]) -> None:
+def test_nothing_is_found_for_sure_next_to_what_was_hidden(assessed: list[Assessed]) -> None:
     wrong = [rates.summary(one) for one in assessed if one.hidden and one.invented and _is_sure(one)]
     assert not wrong
 
 
 def _is_sure(one: Assessed) -> bool:
-    """Whether a finding that nobody hid is more than chance does in one campaign of a thousand."""
+    """Return True if chance gives such an invented finding in fewer than one campaign of a thousand."""
     hidden = {effect.cause for effect in one.hidden}
     found = [row for row in one.record["findings"] if row["verdict"] == "found" and row["cause"] not in hidden]
     return any(row["p_value"] < UNLUCKY for row in found)

@@ -26,7 +26,7 @@ OTHER = replace(PLAIN, bodies=(Body("arm", 4, 120.0), Body("frame", 8, 900.0)), 
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """What the stage said of a campaign, and the campaign."""
+    """A campaign, and the result of the stage for it."""
 
     rows: list[dict[str, Any]]
     drawn: Drawn
@@ -37,7 +37,7 @@ class Diagnosed:
 
     @property
     def named(self) -> list[tuple[str, str]]:
-        """What was found, and what is suspected since predictions of bodies whose poses are fitted hardly improve."""
+        """Causes found, and causes suspected because the predictions of bodies with fitted poses hardly improve."""
         return [(row["cause"], row["subject"]) for row in self.rows if row["verdict"] in ("found", "suspected")]
 
     def parameters(self, cause: str) -> dict[str, Any]:

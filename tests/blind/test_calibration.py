@@ -163,7 +163,7 @@ def test_the_true_model_is_chosen_or_cannot_be_distinguished_from_the_chosen(cam
     assert len(wrong) <= most_of(len(campaigns), NOT_CHOSEN), wrong
 
 
-def test_every_calibration_of_the_chosen_model_settled(campaigns: list[Calibrated]) -> None:
+def test_every_calibration_of_the_chosen_model_converged(campaigns: list[Calibrated]) -> None:
     assert {status for campaign in campaigns for status in campaign.parameters["status"]} == {"ok"}
 
 

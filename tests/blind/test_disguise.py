@@ -43,7 +43,7 @@ def observed(folder: Path) -> dict[tuple[object, ...], np.ndarray]:
 
 
 @pytest.mark.parametrize("name", disguise.DISGUISES)
-def test_ingest_sees_through_the_disguise(plain: Path, tmp_path: Path, name: str) -> None:
+def test_disguised_files_give_the_same_coordinates(plain: Path, tmp_path: Path, name: str) -> None:
     expected, found = observed(plain), observed(disguise.DISGUISES[name](plain, tmp_path / name))
     assert found.keys() == expected.keys()
     # The digits that were written: 1e-5 mm at best, 1e-6 mm in metres, 2.5e-7 mm in inches.

@@ -181,7 +181,7 @@ def test_a_moved_target_is_elsewhere_from_its_pose_on_and_nothing_else_moves() -
     assert_close(np.delete(change, column, axis=1), np.zeros((46, change.shape[1] - 1)), atol=1e-12)
 
 
-def test_swapped_targets_stand_in_each_other_s_place() -> None:
+def test_swapped_targets_are_in_each_other_s_place() -> None:
     swapped = draw(TargetsSwapped("base", ("B02", "B09"), (4, 5)))
     first, second = (list(PLAIN.marks.name).index(name) for name in ("B02", "B09"))
     for row, pose in enumerate(PLAIN.schedule.pose):

@@ -90,7 +90,7 @@ def draw(layout: Layout, effects: Sequence[Effect] = (), seed: int = 7) -> Campa
     ],
     ids=["rigid", "linear", "matrix"],
 )
-def test_the_first_configuration_stands_where_another_solver_puts_it(
+def test_the_first_configuration_is_where_another_solver_puts_it(
     deformation: Array, position: list[float], rotation_vector: list[float]
 ) -> None:
     """Configuration 1 of table 3 on the nominal geometry; the figures come from a solver of another kind."""
@@ -343,7 +343,7 @@ def test_the_sample_has_the_published_deformation() -> None:
     assert_between(np.abs(bz).max(), 0.083, 0.0836, what="largest shift, mm")
 
 
-def test_the_generator_shares_no_code_with_what_it_judges() -> None:
+def test_the_generator_shares_no_code_with_what_it_assesses() -> None:
     """It imports numpy, the standard library and itself."""
     allowed = {"numpy", "tests", *sys.stdlib_module_names}
     for path in (PROJECT / "tests" / "blind" / "generator").rglob("*.py"):

@@ -161,7 +161,7 @@ MODELS = {name: model_of(campaign) for name, campaign in BENCHES.items()}
 
 
 def change_of(model: BenchModel, cause: Cause, values: NDArray) -> NDArray:
-    """What a cause does to readings and signals (S, K), SI."""
+    """Change of readings and signals (S, K) by a cause, SI."""
     held = model.with_causes([cause])
     shared = np.zeros(held.shared_size)
     local = np.zeros((len(model.conditions.load), held.local_size))

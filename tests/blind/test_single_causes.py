@@ -85,7 +85,7 @@ def test_growth_that_no_material_has_is_a_dependence_on_the_temperature(tmp_path
 
 
 def _landing(rng: np.random.Generator, poses: int) -> dict[str, np.ndarray]:
-    """What actuators (poses, 6) land elsewhere by, over its sigma: in 12 poses, or actuator 4 alone."""
+    """Landing errors of the actuators (poses, 6) over their sigma: in 12 poses, or of actuator 4 alone."""
     draws = rng.normal(size=(poses, 6))
     late = (np.arange(poses) >= 14) & (np.arange(poses) < 26)
     return {"group": draws * late[:, None], "one": draws * (np.arange(6) == 3)}

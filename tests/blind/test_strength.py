@@ -102,7 +102,7 @@ def test_every_kind_reaches_the_strength_asked_for(name: str) -> None:
 
 
 def assert_parts(effect: Effect, of_drivers: Mapping[str, float], strength: float) -> None:
-    """What a single driver tells is the whole effect, what each of several tells a part."""
+    """The part of a single driver is the whole effect; each of several drivers has a part."""
     assert sorted(of_drivers) == (sorted(effect.drivers) if isinstance(effect, Foreign) else [])
     for own in of_drivers.values():
         assert_between(own / strength, 0.1 if len(of_drivers) > 1 else 1 - 1e-6, 1.5, what="part")
@@ -152,7 +152,7 @@ def test_effects_of_every_mechanism_have_layouts() -> None:
     assert "hexapod" not in layouts_for(["actuator-gain", "flexure-shift"])
 
 
-def test_a_scatter_is_as_strong_as_its_mean_square_stands_out() -> None:
+def test_the_strength_of_a_scatter_is_that_of_its_mean_square() -> None:
     """Far fewer numbers than there are others, twice as far off as these: the logarithm of a mean square of n is known
     to sqrt(2 / n), and the likelihood of its excess follows; the strength that is asked for is met."""
     for wanted in (3.0, 6.0, 20.0):

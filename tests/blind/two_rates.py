@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Pair:
-    """How often two found something, of how many each."""
+    """Counts of successes of two methods, and their numbers of trials."""
 
     first: int
     of_first: int

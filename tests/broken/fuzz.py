@@ -88,7 +88,7 @@ def _rounds(subject: Subject, number: int, wish: argparse.Namespace, seen: dict[
 
 
 def _kind(wrong: str) -> str:
-    """What makes two misbehaviours one: where the innermost traceback ends, else the words without numbers."""
+    """Key of a misbehaviour: the innermost frame of the traceback, else the words without numbers."""
     places = re.findall(r'File "([^"]+)", line (\d+)', wrong)
     own = [place for place in places if "site-packages" not in place[0]]
     return str(own[-1:] or re.sub(r"\d+|'.*?'", "", wrong)[:60])

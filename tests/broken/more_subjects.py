@@ -68,7 +68,7 @@ def _of_points(file: str, content: bytes, more: str = _NAMED) -> dict[str, bytes
 
 @cache
 def run_files(campaign: str) -> dict[str, bytes]:
-    """What a run of a campaign leaves, but for its page and its ledger."""
+    """Files of a campaign's run, except its page and its manifest."""
     with tempfile.TemporaryDirectory() as place:
         CAMPAIGNS[campaign](Path(place) / "c")
         words = ["run", str(Path(place) / "c"), "--out", str(Path(place) / "r"), "--quiet", "--qa=warn"]

@@ -66,7 +66,7 @@ def _words(command: str, folder: Path) -> list[str]:
 
 
 def misbehaviour(folder: Path, command: str = "check") -> str | None:
-    """What is wrong with how a command ends on a campaign or a run; None where nothing is. Warnings must be errors."""
+    """Return the misbehaviour of a command on a campaign or a run, or None. Warnings must be errors."""
     before = _state(folder)
     started = time.process_time()
     done = CliRunner().invoke(app, _words(command, folder))

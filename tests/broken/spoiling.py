@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.changed_files import replace_text
 from truing.pipeline.problems import ExitCode
 
 Spoil = Callable[[Path], None]
@@ -43,14 +44,8 @@ def appended(file: str, text: str) -> Spoil:
 
 
 def replaced(file: str, old: str, new: str, times: int = 1) -> Spoil:
-    """Replace a text that stands in a file."""
-
-    def spoil(folder: Path) -> None:
-        text = (folder / file).read_text(encoding="utf-8")
-        assert old in text, f"{file} holds no {old!r}"
-        (folder / file).write_text(text.replace(old, new, times), encoding="utf-8")
-
-    return spoil
+    """Replace a text in a file."""
+    return lambda folder: replace_text(folder / file, old, new, times)
 
 
 def whole(file: str, content: bytes) -> Spoil:

@@ -77,7 +77,7 @@ def test_further_poses_that_miss_by_as_much_decide_and_one_less_does_not() -> No
 
 
 def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
-    """What is expected is the middle of what comes; one time in two it takes more."""
+    """The expected number of poses is the median: in about half of the draws more are needed."""
     (errors, limit, decision), rng = _undecided(), np.random.default_rng(12)
     assert decision.more_poses is not None
     size = np.sqrt(np.mean(errors**2))
@@ -87,7 +87,7 @@ def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
     assert 0.4 < share < 0.65
 
 
-def test_poses_that_were_fitted_to_count_no_more_beside_further_ones() -> None:
+def test_poses_that_were_fitted_to_count_no_more_next_to_further_ones() -> None:
     (_, _, both), (_, _, alone) = _undecided(), _undecided(spare=8)
     assert both.more_poses is not None
     assert alone.more_poses == both.more_poses + 8

@@ -18,7 +18,7 @@ _TYPES = ("6-pus", "ups", "6-upur")
 
 
 def fault_of_toml(text: str, page: str, patch: pytest.MonkeyPatch) -> str | None:
-    """What is wrong with a block, on a page whose packages are taken for installed; None where nothing is."""
+    """Return the fault of a block on a page whose packages count as installed, or None."""
     document = tomllib.loads(text)
     if "project" in document:
         return None if {"name", "version"} <= set(document["project"]) else "a project without name or version"
@@ -44,7 +44,7 @@ def _points(document: dict[str, Any]) -> dict[str, dict[str, str]]:
 
 
 def _completed(document: dict[str, Any], kind: str) -> Iterator[dict[str, Any]]:
-    """What a fragment may be a part of: it leaves out what it is not about."""
+    """Yield documents that complete a fragment with the sections that it leaves out."""
     whole = {**document, "campaign": {"name": "page", "kind": kind, **document.get("campaign", {})}}
     section = document.get("mechanism", {"type": "none"})
     for name in [section["type"]] if "type" in section else _TYPES:
@@ -52,7 +52,7 @@ def _completed(document: dict[str, Any], kind: str) -> Iterator[dict[str, Any]]:
 
 
 def _fault_of_campaign(whole: dict[str, Any]) -> str | None:
-    """That something is absent is no fault of a fragment."""
+    """Return the first fault of a document, or None; missing keys are no fault of a fragment."""
     try:
         campaign = Campaign.model_validate(whole)
     except ValidationError as error:

@@ -20,7 +20,7 @@ _ROW = re.compile(r"^\| `([^`]+)` \| (?:`([^`]+)`|nothing) \| `([^`]+)` \| `([^`
 
 @dataclass(frozen=True)
 class Slip:
-    """What somebody writes into a file of an example in place of something else, and what truing says of it."""
+    """A wrong text in a file of an example, the right text that it replaces, and the message of truing."""
 
     file: str
     written: str
@@ -61,7 +61,7 @@ def examples(page: Path) -> list[Example]:
 
 
 def slips(page: Path) -> list[Slip]:
-    """What a page says that goes wrong with its first example."""
+    """Errors that a page describes for its first example."""
     return [Slip(m[1], m[2] or "", m[3], m[4]) for m in _ROW.finditer(page.read_text(encoding="utf-8"))]
 
 

@@ -44,7 +44,7 @@ def commands(text: str) -> Iterator[list[str]]:
 
 
 def fault(words: list[str], written: set[str]) -> str | None:
-    """What is wrong with a command, in a folder into which the page has written some files; None where nothing is."""
+    """Return the fault of a command in a folder with the files written by the page, or None."""
     while words and re.fullmatch(r"[A-Z_]+=\S*", words[0]):
         words = words[1:]
     if not words:

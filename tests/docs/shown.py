@@ -10,7 +10,7 @@ NUMBER = re.compile(r"(?<![\w.])[-+−]?\d[\d,]*(?:\.\d+)?")
 
 
 def shown(page: str, name: str) -> str:
-    """Return the table of a name as it stands on a page's text."""
+    """Return the table of a name as it is on a page's text."""
     return page.split(f"<!-- table {name} -->\n")[1].split("\n<!-- end -->")[0]
 
 

@@ -44,8 +44,8 @@ def test_few_blocks_are_not_run_and_each_says_why() -> None:
     assert len(left_out) <= MOST_NOT_RUN, [block.place for block in left_out]
 
 
-def test_every_remark_stands_above_a_block() -> None:
-    """One that stands elsewhere does nothing, and its author thinks otherwise."""
+def test_every_remark_is_above_a_block() -> None:
+    """A remark elsewhere has no effect."""
     for page, text in pages().items():
         written = len(re.findall(r"^\s*<!-- (?:given|not run): ", text, re.MULTILINE))
         assert written == sum(bool(block.given) or block.not_run is not None for block in blocks(page)), page
@@ -53,7 +53,7 @@ def test_every_remark_stands_above_a_block() -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where a page's code runs: the sample cut short, the same as a campaign of one's own, and a run."""
+    """Working folder of a page's code: the shortened sample, a copy of it as a user's campaign, and a run."""
     for name, source in (("sample_data", "sample_data"), ("runs", "runs"), ("my-campaign", "sample_data/telescope")):
         shutil.copytree(workplace / source, tmp_path / name)
     monkeypatch.chdir(tmp_path)

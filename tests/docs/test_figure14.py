@@ -30,7 +30,7 @@ def test_no_choice_exceeds_the_bound(found):
     assert all(outcome.share.max() <= 1.0 for outcome in found.values())
 
 
-def test_table_3_is_judged_as_the_page_says():
+def test_table_3_is_assessed_as_the_page_says():
     accuracy, lost, share = figure14.judged(figure14.table_3(), np.random.default_rng(0))
     assert lost == 0.0
     assert re.search(rf"reaches {100 * share:.0f} % of the best possible", PAGE)

@@ -42,7 +42,7 @@ def test_the_checks_pass_as_the_page_says(run):
             assert verdicts[check, verdict] == int(number)
 
 
-def test_what_the_page_quotes_of_the_folder_stands_there():
+def test_quoted_lines_of_the_folder_exist():
     settings = (CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")
     quoted = TEXT.split("```toml\n")[1].split("```")[0]
     for line in (line.partition("#")[0].strip() for line in quoted.splitlines()):

@@ -70,7 +70,7 @@ def test_the_example_gives_its_tables(tmp_path, example: Example):
 
 
 def _same(value, text: str) -> bool:
-    """Whether a value is what a page shows of it: numbers to half of their last digit."""
+    """Return True if a value equals the text on the page; numbers to half of their last digit."""
     if isinstance(value, float) and text:
         digits = len(text.partition(".")[2])
         return math.isclose(value, float(text), abs_tol=0.5001 * 10.0**-digits)

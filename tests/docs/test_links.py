@@ -30,7 +30,8 @@ def links(page: str) -> tuple[str, ...]:
 
 @cache
 def anchors(page: Path) -> frozenset[str]:
-    """What a code host makes of the headings: lower case, blanks as hyphens, other marks gone, doubles numbered."""
+    """Anchors of the headings as code hosts form them: lower case, hyphens for blanks, no other marks, duplicates
+    numbered."""
     tokens = MARKDOWN.parse(page.read_text(encoding="utf-8"))
     found: list[str] = []
     for heading, inline in pairwise(tokens):

@@ -12,7 +12,7 @@ from tests.docs.shown import shown
 PAGE = "before\n<!-- table one -->\nold\n<!-- end -->\nbetween\n<!-- table two -->\nolder\n<!-- end -->\nafter\n"
 
 
-def test_each_table_stands_between_its_marks() -> None:
+def test_each_table_is_between_its_marks() -> None:
     page = renewed(PAGE, {"two": lambda: "new", "one": lambda: "newer"})
     assert page == PAGE.replace("older", "new").replace("old", "newer")
     assert shown(page, "one") == "newer"

@@ -42,5 +42,5 @@ def test_cells_of_the_notebook_run_with_the_recorded_output(workplace, tmp_path)
 
 
 def _skeleton(text: str) -> list[str]:
-    """How a text begins, without its numbers: the heading of a table, a picture's title, the mark of a sentence."""
+    """First words of a text without its numbers: head of a table, title of a picture, mark of a sentence."""
     return re.sub(r"[-+]?\d[\d.]*(e-?\d+)?", "#", text.strip().splitlines()[0]).split()[:1]

@@ -56,7 +56,7 @@ def _legs(count: int = 6) -> Legs:
 
 
 def _extended(spans: np.ndarray) -> np.ndarray:
-    """What cylinders extend to, mm, between joints so far apart."""
+    """Lengths of cylinders, mm, for given distances between their joints."""
     return np.sqrt(spans**2 - OFFSET_MM**2)
 
 

@@ -133,7 +133,7 @@ def test_a_check_with_a_name_in_use_is_refused(tmp_path: Path, monkeypatch: pyte
         checks_of("photogrammetry")
 
 
-def test_a_section_of_the_page_stands_in_the_report(
+def test_a_section_of_the_page_is_in_the_report(
     workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = {section.name for section in page_sections()}

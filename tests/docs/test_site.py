@@ -97,7 +97,7 @@ def test_make_docs_builds_into_the_folder_of_the_version() -> None:
 
 
 def test_symbols_of_equations_and_of_ranges_are_words_of_the_search(site: Path) -> None:
-    """K22 stands in no sentence: only in equations as K_{22}, and in K11 .. K66."""
+    """K22 is in no sentence: only in equations as K_{22}, and in K11 .. K66."""
     index = (site / "searchindex.js").read_text(encoding="utf-8")
     found = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\)\s*", index, re.DOTALL)[1])  # type: ignore[index]
     pages_of = {word: {found["docnames"][n] for n in np.atleast_1d(of)} for word, of in found["terms"].items()}

@@ -12,10 +12,10 @@ PAGE = (Path(__file__).resolve().parents[2] / "docs" / "verdict.md").read_text(e
 
 
 @pytest.mark.parametrize("code", ReasonCode)
-def test_every_reason_code_stands_on_its_page(code: ReasonCode) -> None:
+def test_every_reason_code_is_on_its_page(code: ReasonCode) -> None:
     assert f"| `{code.value}` | {code.meaning} |" in PAGE
 
 
-def test_every_section_stands_on_its_page_in_its_order() -> None:
+def test_every_section_is_on_its_page_in_its_order() -> None:
     places = [PAGE.index(f"| `{name}` |") for name in (CAMPAIGN, *SECTIONS)]
     assert places == sorted(places)

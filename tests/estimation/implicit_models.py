@@ -19,7 +19,7 @@ from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 @dataclass(frozen=True)
 class Equations:
-    """What a model returns."""
+    """Result of a model."""
 
     value: NDArray
     by_deviation: NDArray

@@ -15,7 +15,7 @@ _COV = np.broadcast_to(_SIGMA**2 * (0.7 * np.eye(_RESPONSES) + 0.3), (_ROWS, _RE
 
 
 def _drawn(rng: np.random.Generator, rms: float) -> tuple[DrivenShift, float, float]:
-    """What is found at a drawn K of this rms motion, the true rms, and the p-value of the test."""
+    """Found shift for a K drawn with this rms motion, the true rms, and the p-value of the test."""
     moved = _U @ rng.normal(size=(_DRIVES, _RESPONSES))
     moved *= rms / np.sqrt((moved**2).mean())
     y = moved + rng.normal(size=(_ROWS, _RESPONSES)) @ np.linalg.cholesky(_COV[0]).T

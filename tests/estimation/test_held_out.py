@@ -20,7 +20,7 @@ def test_a_model_at_the_noise_floor_is_not_refuted_by_one_that_lies_a_little_low
     assert not made.indistinguishable.any()
 
 
-def test_a_model_that_misses_what_was_held_out_is_out_however_probable():
+def test_a_model_that_misses_held_out_poses_is_excluded_however_probable():
     rng = np.random.default_rng(2)
     made = choose_model([Contender(_noise(rng, 40.0), 6, -10.0, 50), Contender(_noise(rng), 6, -100.0, 90)])
     assert made.chosen == 1
@@ -54,7 +54,7 @@ def test_poses_may_differ_in_freedom():
     assert choose_model([missing, one]).chosen == 1
 
 
-def test_a_model_to_which_held_out_poses_are_impossible_is_out_and_leaves_the_others_as_they_are():
+def test_a_model_to_which_held_out_poses_are_impossible_is_excluded_and_changes_no_other():
     squares = _noise(np.random.default_rng(6))
     others = [Contender(squares, 6, -100.0, 50), Contender(squares * 0.95, 6, -110.0, 90)]
     impossible = Contender(np.where(np.arange(8) == 3, np.inf, 0.0), 6, 0.0, 20)

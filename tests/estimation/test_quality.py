@@ -39,8 +39,8 @@ def test_scatter_counts_its_degrees_of_freedom():
         covariates = rng.standard_normal((46, 7))
         points = 0.1 * rng.standard_normal((10, 3))
         kept = rng.random((46, 10)) > 0.05
-        swallowed = residual_covariance(points, np.tile(np.eye(3), (46, 10, 1, 1)), kept, kept)
-        values = np.einsum("bij,bj->bi", swallowed, values.reshape(46, -1)).reshape(values.shape)
+        covariance = residual_covariance(points, np.tile(np.eye(3), (46, 10, 1, 1)), kept, kept)
+        values = np.einsum("bij,bj->bi", covariance, values.reshape(46, -1)).reshape(values.shape)
         moving = values + 2e-5 + covariates[:, :1, None] * 1e-4
         scatter = residual_scatter(moving, sigma, redundancy(points, kept), covariates)
         total += scatter.chi_square.sum(), scatter.dof.sum()

@@ -49,7 +49,7 @@ def test_runs_repeat_each_other_but_for_their_zeros_and_steps_that_one_of_them_m
 
 
 def left_by_a_line(curved):
-    """What a line leaves of twelve values at five places, curved by so much."""
+    """Residuals of a line through twelve values at five places, with a given curvature."""
     rng = np.random.default_rng(3)
     x = np.arange(12) % 5 - 2.0
     values = rng.standard_normal((12, DRAWS)) + 7.0 * x[:, None] + curved * (x**2)[:, None]
@@ -95,7 +95,7 @@ def test_figures_are_independent_of_place_and_direction_and_proportional_to_size
 
 @pytest.mark.parametrize("count", [5, 30])
 @pytest.mark.slow
-def test_intervals_hold_what_a_long_test_gives(count):
+def test_intervals_contain_the_values_of_a_long_test(count):
     spread, draws = np.diag([1.0, 0.5, 0.2]), 200
     rng = np.random.default_rng(count)
     distance = np.linalg.norm(rng.standard_normal((200000, 3)) @ spread, axis=1)

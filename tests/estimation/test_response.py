@@ -112,7 +112,7 @@ def test_gross_errors_are_found_and_nothing_else_loses():
 
 
 @pytest.mark.slow
-def test_poses_held_out_of_a_saturated_fit_are_judged_by_what_it_knows():
+def test_poses_held_out_of_a_saturated_fit_are_assessed_by_what_it_knows():
     """With hardly more poses than drives K is known badly: what it misses elsewhere is no gross error."""
     rejected, found = 0, 0
     for seed in range(60):

@@ -106,7 +106,7 @@ def test_a_part_in_another_unit_is_reported_with_its_rows(unit, part):
     assert abs(found.celsius - np.median(value[wrong])) < 0.05
 
 
-def test_rows_are_judged_in_the_order_in_which_they_were_taken():
+def test_rows_are_assessed_in_the_order_in_which_they_were_taken():
     rng = np.random.default_rng(6)
     warmed = 18.0 + 8.0 * np.arange(60) / 60.0 + rng.normal(0.0, 0.02, 60)
     warmed[30:] = FROM_CELSIUS["degF"](warmed[30:])

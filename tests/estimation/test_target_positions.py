@@ -78,7 +78,7 @@ def test_the_spread_is_that_from_pose_to_pose(places: np.ndarray) -> None:
     assert spread_in_time(places / 100, known, ORDER, SIGMA) == SIGMA
 
 
-def test_the_middle_of_what_was_never_seen_is_not_reported(places: np.ndarray) -> None:
+def test_no_mean_is_reported_for_unseen_targets(places: np.ndarray) -> None:
     known = np.ones((20, 4), bool)
     known[:, 2] = False
     middle = median_places(places, known)

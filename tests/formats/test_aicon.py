@@ -49,7 +49,7 @@ def test_rays_in_pixels(tmp_path):
     assert sum(found.left_out.values()) == 1
 
 
-def test_rays_of_a_compressed_file_find_what_lies_beside_it(tmp_path):
+def test_rays_of_a_compressed_file_find_what_lies_next_to_it(tmp_path):
     station(tmp_path)
     (tmp_path / "station.phc.gz").write_bytes(gzip.compress(PHC.encode()))
     assert len(read(tmp_path, "image_points", {**RAYS, "path": "station.phc.gz"}).rows) == 2

@@ -73,7 +73,7 @@ def test_it_is_asked_what_words_mean_where_the_order_of_rows_does_not_say_it(
 
 
 @pytest.mark.parametrize("words", [("left", "left"), ("warm", "cold")])
-def test_one_word_alone_tells_no_direction(tmp_path: Path, words: tuple[str, str]) -> None:
+def test_one_word_alone_gives_no_direction(tmp_path: Path, words: tuple[str, str]) -> None:
     guess = guess_of(tmp_path, "Richtung" if words[0] == words[1] else "Zustand", words, COMMANDS, UP)
     assert "approach" not in guess.mapping.get("columns", {})
 

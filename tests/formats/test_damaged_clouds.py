@@ -105,7 +105,7 @@ def test_clouds_of_text_as_they_are_written(tmp_path, suffix, content):
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
-def test_binary_vertices_beside_faces(tmp_path, order):
+def test_binary_vertices_next_to_faces(tmp_path, order):
     mark = "<" if order == "little" else ">"
     points = b"".join(struct.pack(f"{mark}fff", *row) for row in ROWS)
     three, four = struct.pack(f"{mark}B3i", 3, 0, 1, 2), struct.pack(f"{mark}B4i", 4, 0, 1, 2, 3)
@@ -194,7 +194,7 @@ def test_lzf_repeats_what_it_has_just_made():
 
 
 def test_markers_that_end_the_process_of_their_library(tmp_path, monkeypatch):
-    """Such a file is not made by hand; what stands here is how the process ended."""
+    """Such a file cannot be made by hand: the test sets the exit of the process."""
     write_c3d(tmp_path / "take.c3d")
     entry = {"path": "take.c3d", "constants": {"body": "b"}}
     assert len(read(tmp_path, entries=entry).records) == 11

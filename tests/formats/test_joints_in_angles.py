@@ -16,7 +16,7 @@ def found(*names: str) -> tuple[str, ...] | None:
     return None if joints is None else joints.raw
 
 
-def test_a_run_of_angles_beside_a_place_is_joints_in_its_order() -> None:
+def test_a_run_of_angles_next_to_a_place_is_joints_in_its_order() -> None:
     joints = joint_columns((*LETTERS, *PLACES), [["0.1"] * 9], np.full((1, 9), 0.1))
     assert joints is not None
     assert joints.columns() == {f"joint{k}_rad": name for k, name in enumerate(LETTERS, 1)}

@@ -15,7 +15,7 @@ COORDINATES = ("x_mm", "y_mm", "z_mm")
 
 
 def proposed(folder, name, text):
-    """What a file holds, read by what is proposed for it, where pose and body are the only words of a person."""
+    """Contents of a file, read by its proposed entry; only the words for pose and body come from the user."""
     guess = sniff_file(written(folder, name, text))
     assert guess.table in ("points", "targets")  # a single list may be the survey
     reported = {"body": "b"} if "number_rows" in guess.mapping or "pose" in guess.columns else {"body": "b", "pose": 1}

@@ -349,7 +349,7 @@ def test_channels_are_those_of_an_interferometer(tmp_path):
     ("text", "hint"),
     [("T1,1.5,2.5,3.5\n", "header = false"), ("# made today\npose,x,y,z\n1,2,3,4\n", 'set comment = "#"')],
 )
-def test_what_is_no_line_of_names_is_reported(tmp_path, text, hint):
+def test_a_head_without_names_is_reported(tmp_path, text, hint):
     written(tmp_path, "a.csv", text)
     assert all(hint in fault.expected for fault in read(tmp_path, entries={"path": "a.csv"}).faults)
 

@@ -55,7 +55,7 @@ def test_a_matrix_gives_columns_by_position(tmp_path, write):
 
 
 @WRITERS
-def test_fields_of_a_struct_stand_side_by_side(tmp_path, write):
+def test_fields_of_a_struct_are_side_by_side(tmp_path, write):
     write(tmp_path, {"st": {"t": np.arange(5.0).reshape(1, 5), "cable": XYZ.T, "deep": {"er": XYZ.T}}})
     entry = {"path": "data.mat", "variable": ["st.t", "st.cable"], "transpose": True, "number_rows": {"pose": 1}}
     found = read(tmp_path, "configurations", {**entry, "columns": {"time_s": "t", "first": "cable_1"}})

@@ -72,7 +72,7 @@ def test_a_list_of_all_images_is_read(tmp_path: Path, heads: str, separator: str
     assert_close(places, AT.reshape(-1, 2), atol=1e-9)
 
 
-def test_names_of_files_tell_images_and_poses(tmp_path: Path) -> None:
+def test_names_of_files_show_images_and_poses(tmp_path: Path) -> None:
     files = {
         f"pose{pose}_image{image}.csv": of_one_image("id,px,py", AT[image - 1])
         for pose in (1, 2)

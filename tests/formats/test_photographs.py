@@ -80,7 +80,7 @@ def test_poses_by_a_pattern_with_what_else_lies_there_counted(tmp_path):
     assert listed(tmp_path, **entry).poses_are_numbers
 
 
-def test_a_folder_stands_for_the_pictures_in_it(tmp_path):
+def test_a_folder_means_the_pictures_in_it(tmp_path):
     for name in ("photos/1/a.jpg", "photos/2_7.JPG", "photos/3/left/b.tif"):
         saved(tmp_path / name)
     (tmp_path / "photos/notes.txt").write_text("warm")
@@ -93,7 +93,7 @@ def test_a_folder_stands_for_the_pictures_in_it(tmp_path):
     assert [fault.value for fault in listed_photographs(tmp_path, path="none")[1]] == ["none"]
 
 
-def test_pictures_beside_points_make_no_campaign_of_photographs(tmp_path):
+def test_pictures_next_to_points_make_no_campaign_of_photographs(tmp_path):
     saved(tmp_path / "images/1/setup.jpg")
     assert has_photographs(tmp_path, {})
     (tmp_path / "points.csv").write_text("pose,body,target,x_mm,y_mm,z_mm\n")
@@ -234,7 +234,7 @@ def test_an_entry_that_leads_to_no_photograph(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "deep.png", "deep.tif"])
-def test_what_ends_early_or_is_damaged_is_refused_and_never_half_read(tmp_path, name):
+def test_truncated_or_damaged_photographs_are_refused(tmp_path, name):
     path = saved(
         tmp_path / name, np.tile(GREY, (4, 4)) if "deep" not in name else np.tile(GREY, (4, 4)) * np.uint16(257)
     )
@@ -281,7 +281,7 @@ def test_a_picture_in_another_format_in_the_place_of_a_photograph_is_a_fault(tmp
     assert_says(faults[0].expected, "JPEG, PNG", "TIFF")
 
 
-def test_raw_data_beside_its_photograph_and_notes_are_counted(tmp_path):
+def test_raw_data_next_to_its_photograph_and_notes_are_counted(tmp_path):
     for name in ("images/1/a.jpg", "images/2/a.jpg"):
         saved(tmp_path / name)
     for name in ("images/1/a.CR2", "images/2/a.nef", "images/notes.txt", "images/2/plan.pdf", "images/.DS_Store"):

@@ -77,7 +77,7 @@ def test_texts_in_a_campaign_of_integers_are_unknown_unless_they_are_integers():
     ledger.close()
 
 
-def test_where_no_pose_is_known_all_are_unknown():
+def test_without_known_poses_all_poses_are_unknown():
     ledger = PointIndex(pa.array([], pa.int64()))
     numbers, _ = ledger.add(file("f"), batch([(0, "a", "1"), (0, "a", "1")], 0, False))
     assert numbers.tolist() == [0, 0]

@@ -1,4 +1,4 @@
-"""Directions and distances are told from coordinates by their names, whatever instrument wrote them."""
+"""Directions and distances are distinguished from coordinates by their names, for any instrument."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def test_numbers_that_name_the_column_first_are_exchanged() -> None:
     assert (poses.mapping["columns"]["m03"], poses.mapping["columns"]["m30"]) == ("T30", "T03")
 
 
-def test_a_rotation_needs_coordinates_beside_it() -> None:
+def test_a_rotation_needs_coordinates_next_to_it() -> None:
     motions = _motions()
     rotation = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
     cells = motions[:, :3, :3].reshape(_COUNT, 9)

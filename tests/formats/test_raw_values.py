@@ -101,7 +101,7 @@ def test_rows_of_a_group_share_any_number(tmp_path):
     assert found.columns["step"] == [0, 1, 2, 0, 1, 2]
 
 
-def test_rows_of_a_configuration_stand_side_by_side(tmp_path):
+def test_rows_of_a_configuration_are_side_by_side(tmp_path):
     written(tmp_path, "a.txt", "".join(f"{n} {10 * n}\n" for n in range(6)))
     entry = {"path": "a.txt", "header": False, "rows_per_pose": 3, "columns": {"first": 1, "last": 6}}
     found = read(tmp_path, "configurations", entry)

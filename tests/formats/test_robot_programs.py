@@ -88,7 +88,7 @@ POSITION = """P[{pose}:"home"]{{
 """
 
 
-def test_positions_of_a_fanuc_program_stand_on_several_lines(tmp_path: Path) -> None:
+def test_positions_of_a_fanuc_program_are_on_several_lines(tmp_path: Path) -> None:
     """A second group moves a rail, and is no joint of the arm."""
     positions = [POSITION.format(*row, pose=pose) for pose, row in enumerate(READINGS, 1)]
     (tmp_path / "program.txt").write_text(LS.format("".join(positions)))

@@ -114,7 +114,7 @@ def test_a_truncated_archive_is_reported(tmp_path):
 
 @pytest.mark.parametrize("name", ["_" * 20_000 + "!", "x" + "_ " * 9000 + "!", "1'" * 20_000, "known_f" * 5000])
 def test_names_without_end_are_no_columns(tmp_path, name):
-    """What looks for units and meanings in a name of thousands of marks tried every way to cut it."""
+    """To try every way to cut a name of thousands of marks takes too long, so such names are no columns."""
     guess = sniff_file(written(tmp_path, "a.csv", f"{name},y,z\n" + "1,2,3\n" * 20))
     assert guess.mapping.get("columns", {}) == {}
 
@@ -142,11 +142,11 @@ def test_runs_of_an_axis_side_by_side_are_recognised(heads, wide, directions, sc
 
 
 @pytest.mark.parametrize("heads", [("Run 1 Forward", "Comment"), ("Channel 1 x", "Channel 1 y"), ("Run 1 Forward",)])
-def test_other_columns_beside_a_target_are_no_runs(heads):
+def test_other_columns_next_to_a_target_are_no_runs(heads):
     assert positions_side_by_side(("Target (mm)", *heads), np.zeros((3, 1 + len(heads)))) is None
 
 
-def test_a_column_name_beside_coordinates_names_the_targets(tmp_path):
+def test_a_column_name_next_to_coordinates_names_the_targets(tmp_path):
     (tmp_path / "points.txt").write_text("Id,Name,X (mm),Y (mm),Z (mm)\n1,B1,0.1,0.2,0.3\n2,B2,500,0.1,0.2\n")
     guess = sniff_file(tmp_path / "points.txt")
     assert guess.mapping["columns"] == {"target": "Name", "x_mm": "X (mm)", "y_mm": "Y (mm)", "z_mm": "Z (mm)"}

@@ -89,7 +89,7 @@ def test_a_path_to_no_regular_file_is_a_fault(tmp_path, path):
     assert (fault.file, fault.column, fault.value) == ("campaign.toml", "files.points.path", path)
 
 
-def test_what_another_table_reads_as_measured_is_no_covariate(tmp_path):
+def test_a_measured_column_of_another_table_is_no_covariate(tmp_path):
     (tmp_path / "log.csv").write_text("pose,A1,x_N1,y_N1,z_N1,x_mm,hall_c\n1,10,1,2,3,4,21.5\n2,20,4,5,6,7,21.6\n")
     files = {
         "points": {"path": "log.csv", "wide": "{axis}_{target}", "constants": {"body": "tip"}},

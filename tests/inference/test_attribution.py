@@ -112,7 +112,7 @@ def test_a_weak_course_common_to_many_channels_is_attributed_to_its_input() -> N
     assert _reported(0.45 * np.outer(course, field) + rng.standard_normal((EPOCHS, 24)), columns) == {"load_n"}
 
 
-def test_share_is_what_is_predicted_beyond_chance() -> None:
+def test_the_share_is_the_prediction_beyond_chance() -> None:
     shares = []
     for seed in range(8):
         rng = np.random.default_rng([seed, 8])
@@ -233,7 +233,7 @@ def _of_parts(errors: np.ndarray, columns: dict[str, np.ndarray], last: str = "l
     [("rho2_mm", [("leg1", ("rho2_mm",), True)]), ("temperature_c", [])],
 )
 def test_the_error_of_a_part_is_reported_with_readings_alone(driver: str, expected: list[object]) -> None:
-    """Temperature is slow, and may stand for anything that moves slowly."""
+    """Temperature is slow, and may imitate any slow quantity."""
     columns = _columns(np.random.default_rng(22))
     errors = np.column_stack([4.0 * np.cos(3.0 * columns[driver]), np.zeros(EPOCHS)])
     plain = _of_parts(errors, columns)

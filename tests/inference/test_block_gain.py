@@ -136,7 +136,7 @@ def test_a_gain_is_far_below_that_of_an_effect_only_if_blocks_do_not_share_it() 
 
 
 def test_an_effect_that_a_tolerance_hides_is_not_asked_to_gain_by_its_whole_size() -> None:
-    """Next to an unknown that moves nearly the same, only the tolerance of that unknown tells a large effect."""
+    """Next to an unknown that moves nearly the same, only the tolerance of that unknown shows a large effect."""
     slopes = TEMPLATE.by_shared.copy()
     slopes[..., OWN] = slopes[..., :2] + 0.01 * slopes[..., OWN]
     alike = replace(TEMPLATE, by_shared=slopes)

@@ -13,7 +13,7 @@ NUMBERS, ROWS = 10, 40
 
 @pytest.fixture(scope="module")
 def designs():
-    """Rows of two campaigns that tell most numbers well, two only together and one hardly."""
+    """Rows of two campaigns that determine most numbers well, two only together and one hardly."""
     rng = np.random.default_rng(4)
     made = []
     for _ in range(2):
@@ -74,7 +74,7 @@ def test_another_machine_is_reported_as_such():
 
 
 def test_an_estimate_wider_than_what_was_known_before_leaves_no_negative_variance(designs):
-    """Sigmas are enlarged for the noise, also where the data tell nothing."""
+    """Sigmas are enlarged for the noise, also where the data contain no information."""
     rng = np.random.default_rng(6)
     found = []
     for rows in designs:

@@ -96,7 +96,7 @@ def test_the_probability_of_one_of_two_holds_next_to_the_other(both: Round) -> N
     assert 0.05 < choice.probability < 0.95  # its twin has the rest
 
 
-def test_where_one_effect_is_there_the_rivals_are_those_that_explain_it_alone() -> None:
+def test_rivals_of_a_single_effect_are_those_that_explain_it_alone() -> None:
     designs = {"own": _design(COURSES[0], 0), "twin": _design(COURSES[0] + 0.02 * COURSES[2], 0)}
     designs["other"] = _design(COURSES[1], 1)
     choice = choose(_round(designs, {"own": 12.0}, ()), set(), LEVEL)
@@ -196,7 +196,7 @@ def _probability(chosen: str, before: dict[str, float], after: dict[str, float],
     return first.probability_of_name(candidate, _round(designs, after, ("strong",)))
 
 
-def test_a_name_is_as_probable_as_what_explains_the_same_leaves_it() -> None:
+def test_an_effect_that_remains_after_a_name_is_no_alternative_of_it() -> None:
     """The strong effect is no alternative of the weak one: it is there as before once that is accepted."""
     both = {"weak": 20.0, "strong": 25.0}
     assert _probability("strong", both, {"weak": 20.0}, 0.1) > 0.999
@@ -286,7 +286,7 @@ def test_the_remainder_of_a_nonparametric_effect_gets_no_name(
     ("other", "small", "expected"),
     [("other of x", (), "other of x"), ("other of y", (), "name"), ("other of y", ("name",), "other of y")],
 )
-def test_beside_a_form_without_a_name_others_of_its_subject_come_first_and_a_small_name_is_none(
+def test_next_to_a_form_without_a_name_others_of_its_subject_come_first_and_a_small_name_is_none(
     other: str, small: tuple[str, ...], expected: str
 ) -> None:
     reported = _Reported({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
@@ -338,7 +338,7 @@ def test_inputs_that_explain_nearly_as_well_are_reported_unless_they_hold_those_
 
 
 def test_a_refused_candidate_gives_way_to_a_less_probable_one() -> None:
-    """A periodic error whose pitch fits the levels of the drives may swallow a gain, and fail between the levels."""
+    """A periodic error whose pitch fits the levels of the drives may absorb a gain, and fail between the levels."""
     designs = {"refused": _design(COURSES[0], 0), "less": _design(COURSES[0] + 0.5 * COURSES[2], 0)}
     current = _round(designs, {"refused": 20.0}, ())
     first, left = choose(current, set(), LEVEL), choose(current, {"refused"}, LEVEL)

@@ -19,7 +19,7 @@ def widths(share: float) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def jacobian() -> np.ndarray:
-    """Rows by parameters: of the legs' own, the data tell one part well, one hardly and one not at all."""
+    """Rows by parameters: of the legs' own ones the data determine one well, one hardly and one not at all."""
     rng = np.random.default_rng(3)
     of_legs = rng.normal(size=(ROWS, LEGS, PARTS)) * [30.0, 1.0, 0.0]
     common = of_legs.sum(1) + rng.normal(size=(ROWS, PARTS)) * [0.0, 3.0, 10.0]

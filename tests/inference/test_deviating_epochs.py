@@ -40,7 +40,7 @@ def test_one_bad_value_is_no_deviating_epoch_and_several_are() -> None:
     assert np.flatnonzero(p_values(_fitted(rest)) < LEVEL).tolist() == [9]
 
 
-def test_what_a_frame_of_its_own_takes_up_does_not_count() -> None:
+def test_residuals_absorbed_by_a_free_frame_do_not_count() -> None:
     rest = np.random.default_rng(5).normal(size=(EPOCHS, VALUES, SIZE))
     assert np.all(p_values(_fitted(rest, frame=6)) <= p_values(_fitted(rest)))
     assert np.all(np.isnan(p_values(_fitted(rest[:, :1]))))

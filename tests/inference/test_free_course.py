@@ -86,7 +86,7 @@ def test_a_large_effect_is_compared_after_its_refit() -> None:
     assert rival.is_clear
 
 
-def test_a_name_of_several_patterns_stands_where_each_follows_all_inputs() -> None:
+def test_a_name_of_several_patterns_holds_where_each_depends_on_all_inputs() -> None:
     design = np.einsum("di,bj->bdij", np.eye(DRIVES), ASKED).reshape(POSES, DRIVES, -1)
     values = SIZE * np.random.default_rng(3).normal(size=DRIVES**2)
     assert sum(rival.is_clear for rival in _against(design @ values, design, values)) >= CAMPAIGNS - 1

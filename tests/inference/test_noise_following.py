@@ -47,7 +47,8 @@ def test_noise_that_grows_with_a_column_is_traced_to_it() -> None:
 
 
 def test_a_dependence_found_twice_on_one_quantity_is_one_dependence() -> None:
-    """What is found after the first weighting multiplies it: the ratio is that of the extremes of both together."""
+    """A dependence found after the first weighting multiplies it: the ratio is that of the extremes of both
+    together."""
     rng = np.random.default_rng(2)
     possible = _drivers(rng)
     growth = np.exp(0.4 * possible[2].values[:, 0])
@@ -80,7 +81,7 @@ def test_standardised_residuals_have_unit_spread_after_a_fit() -> None:
     assert np.isnan(standardised(rest, reported * 0.1)).all()
 
 
-def test_numbers_tell_of_their_noise_as_points_do() -> None:
+def test_numbers_show_their_noise_as_points_do() -> None:
     """One coordinate: little is said of noise that follows nothing; noise that doubles with the load is measured."""
     rng = np.random.default_rng(6)
     load = np.tile(np.concatenate([np.linspace(0, 1, 11), np.linspace(0.9, 0, 10)]), 6)

@@ -33,7 +33,7 @@ class _Error:
 
 @dataclass(frozen=True)
 class _Verdict:
-    """What the checks of predictions read of a verdict."""
+    """The part of a verdict that the checks of predictions read."""
 
     cause: Any
     after: _Error

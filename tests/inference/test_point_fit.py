@@ -73,7 +73,7 @@ class Bent:
 
 
 @pytest.mark.parametrize("away", [-1.0, 1.0])
-def test_a_fit_settles_where_full_steps_shrink_by_a_tenth_each(away: float) -> None:
+def test_a_fit_converges_where_full_steps_shrink_by_a_tenth_each(away: float) -> None:
     """The share is 2 b r, r the second residual: at x = 0 the slope there is zero. Either sign: to and fro, or on."""
     bend, sigma = 0.5, 1e-3
     measured = Observations(

@@ -1,4 +1,4 @@
-"""Signs of parameters are judged by their whole uncertainty, also along directions that data do not show."""
+"""Signs of parameters are tested by their whole uncertainty, also along directions that data do not show."""
 
 from __future__ import annotations
 

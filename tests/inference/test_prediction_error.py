@@ -44,7 +44,7 @@ def _vetoes(poses: int, size: float, share: float) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("poses", [3, 6, 20])
 def test_a_cause_with_half_of_the_true_effect_is_refused_at_the_stated_rate(poses: int) -> None:
-    """It predicts as well as nothing does: 0.6 %, within four standard errors of that many trials."""
+    """It predicts as accurately as no cause: 0.6 % are refused, within four standard errors of the trials."""
     assert_between(_vetoes(poses, 2.0, 0.5), 0.001, 0.011, what="refused")
 
 

@@ -14,7 +14,7 @@ UNLUCKY = 1e-3
 
 @pytest.fixture(scope="module")
 def problem():
-    """A linear problem with correlated parameters, some of which the data hardly tell."""
+    """A linear problem with correlated parameters, some of which the data hardly determine."""
     rng = np.random.default_rng(5)
     prior = np.diag(rng.uniform(0.5, 2.0, PARAMETERS) ** 2)
     jacobian = rng.normal(size=(ROWS, PARAMETERS)) @ np.diag([20.0, 20.0, 20.0, 20.0, 5.0, 5.0, 0.3, 0.0])

@@ -31,7 +31,7 @@ def _candidates() -> list[ScatterCandidate]:
 
 
 def _fit(rng: np.random.Generator, scatter: NDArray) -> InputResiduals:
-    """What a fit makes of inputs that scatter by so many prior sigmas (B, H), next to noise that is correlated."""
+    """Fitted inputs that scatter by the given prior sigmas (B, H), next to correlated noise."""
     mixing = rng.normal(size=(INPUTS, INPUTS)) / 2 + np.eye(INPUTS)
     noise = NOISE**2 * mixing @ mixing.T
     gain = np.linalg.inv(np.eye(INPUTS) + noise)
@@ -59,7 +59,7 @@ def test_the_group_that_scatters_and_its_size_are_found() -> None:
     assert_between(float(np.mean(pulls)), -3.0 / np.sqrt(40), 3.0 / np.sqrt(40), what="mean pull of the factor")
 
 
-def test_the_scatter_of_an_input_is_found_beside_others_that_move_the_observations_alike() -> None:
+def test_the_scatter_of_an_input_is_found_next_to_others_that_move_the_observations_alike() -> None:
     """Two inputs move the observations nearly alike, and the one that scatters is known a hundred times better."""
     rng, epochs, strength = np.random.default_rng(5), 60, 1.6
     candidates = [ScatterCandidate(SimpleNamespace(), np.arange(INPUTS) == own, True) for own in range(INPUTS)]  # type: ignore[type-var]

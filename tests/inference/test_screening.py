@@ -28,8 +28,9 @@ def test_without_observations_there_are_no_gross_errors() -> None:
     assert not gross_errors(np.zeros((2, 3, 3)), np.zeros((2, 3), bool)).any()
 
 
-def test_readings_of_a_run_are_held_against_that_run() -> None:
-    """An effect that one run in ten shows widens that run, and not the channel's others; a gross error stands out."""
+def test_readings_are_screened_by_the_scatter_of_their_run() -> None:
+    """An effect in one run of ten widens the scatter of that run, not of the channel; a gross error deviates
+    clearly."""
     rng = np.random.default_rng(3)
     load = np.tile(np.concatenate([np.linspace(-1, 1, 11), np.linspace(0.8, -1, 10)]), 10)
     run = np.repeat(np.arange(10), 21)

@@ -51,7 +51,7 @@ def test_two_names_are_doubted_where_one_effect_is_as_probable() -> None:
     assert doubted(42.5) == {GAIN.key, GAP.key}, "a factor of 12 against it decides nothing"
 
 
-def test_two_names_stand_where_they_are_clearly_more_probable() -> None:
+def test_two_names_hold_where_they_are_clearly_more_probable() -> None:
     assert doubted(41.0) == set()
 
 

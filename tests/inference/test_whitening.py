@@ -50,7 +50,7 @@ def dense(problem: LinearisedModel) -> tuple[NDArray, NDArray]:
 
 
 def of_few_poses(problem: LinearisedModel) -> LinearisedModel:
-    """The problem with unknowns that a single pose, or none, tells of."""
+    """The problem with unknowns that only one pose, or none, contains."""
     by_shared = problem.by_shared.copy()
     by_shared[np.arange(POSES) != 3, :, 0] = 0.0
     by_shared[np.arange(POSES) != 1, :, 2] = 0.0
@@ -92,7 +92,7 @@ def test_a_compact_problem_leaves_what_the_same_one_at_full_width_leaves() -> No
 
 
 @pytest.mark.parametrize("few", [False, True])
-def test_draws_lose_what_the_shared_unknowns_explain(few: bool) -> None:
+def test_draws_exclude_the_space_of_the_shared_unknowns(few: bool) -> None:
     problem = of_few_poses(draw(8, missing=True))
     whitened = whiten(compact(problem) if few else problem)
     drawn = np.random.default_rng(9).standard_normal((3, len(whitened.residual)), np.float32)

@@ -52,7 +52,7 @@ def measured(
     points: float = 1.0,
     readings: float = 1.0,
 ) -> Whitened:
-    """What a fit leaves of noise, of everything unknown, and of an effect on the points' rows."""
+    """Residuals with noise, all unknown parts, and an effect on the rows of points."""
     rows = TEMPLATE.residual.shape
     noise = points * (rng.standard_t(5, rows) / np.sqrt(5 / 3) if heavy else rng.normal(size=rows))
     local = rng.normal(size=TEMPLATE.local_value.shape)
@@ -97,7 +97,7 @@ def search(whitened: Whitened, draws: int, rng: np.random.Generator) -> Search:
 
 
 class _Cause:
-    """What the search asks of a cause: a name."""
+    """The part of a cause that the search reads: a name."""
 
     def __init__(self, key: str) -> None:
         self.key = key

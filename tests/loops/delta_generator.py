@@ -76,7 +76,7 @@ def _joint(
 
 @dataclass(frozen=True)
 class Hidden:
-    """What a campaign hides: backlash (3,) rad of the arms next to the errors of the true robot."""
+    """Hidden effect: backlash (3,), rad, of the arms next to the errors of the true robot."""
 
     robot: Delta
     backlash: NDArray = field(default_factory=lambda: np.zeros(3))

@@ -8,9 +8,9 @@ from functools import cache
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
-ROOMS = ("schemas", "truing", "stages", "pipeline")  # from the ground up
+PACKAGES = ("schemas", "truing", "stages", "pipeline")  # from the ground up
 BESIDE = ("schemas", "stages", "pipeline")  # installed as packages of `truing`
-FOLDERS = (*ROOMS, "tests", "benchmarks", "docs", "examples", "requirements", "sample_data", ".ci", ".github")
+FOLDERS = (*PACKAGES, "tests", "benchmarks", "docs", "examples", "requirements", "sample_data", ".ci", ".github")
 TEXT = {"", ".cfg", ".css", ".html", ".jinja", ".js", ".md", ".py", ".toml", ".txt", ".yaml", ".yml"}
 
 
@@ -49,7 +49,7 @@ def imported_modules(path: Path, known: Container[str]) -> set[str]:
 
 @cache
 def _imports(path: Path) -> list[tuple[str, str]]:
-    """What a file imports anywhere: modules (with an empty name), and modules with a name taken from them."""
+    """Imports anywhere in a file: modules (with an empty name), and modules with a name taken from them."""
     found = []
     for node in _statements(ast.parse(path.read_text(encoding="utf-8"), filename=str(path)).body):
         if isinstance(node, ast.Import):
@@ -68,7 +68,7 @@ def _statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
 
 
 def _origin(node: ast.ImportFrom, path: Path) -> str:
-    """What stands after `from`, with leading dots resolved."""
+    """Return the absolute module of a `from` import."""
     if not node.level:
         return node.module or ""
     package = module_name(path).split(".")
@@ -77,5 +77,5 @@ def _origin(node: ast.ImportFrom, path: Path) -> str:
 
 
 def within(name: str, package: str) -> bool:
-    """Whether a dotted name is a package or lies inside it."""
+    """Return True if a dotted name is a package or lies inside it."""
     return name == package or name.startswith(package + ".")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.packaging.source_tree import PROJECT, ROOMS, imported_names, module_name, modules, within
+from tests.packaging.source_tree import PACKAGES, PROJECT, imported_names, module_name, modules, within
 
 _SCIENCE = tuple(module_name(path) for path in sorted((PROJECT / "truing").iterdir()) if path.name != "__init__.py")
 FORBIDDEN = {
@@ -47,7 +47,7 @@ def climbing(path: Path, forbidden: tuple[str, ...]) -> list[str]:
 
 
 @pytest.mark.parametrize("folder", FORBIDDEN)
-def test_no_module_imports_what_lies_above_or_beside_it(folder: str) -> None:
+def test_no_module_imports_what_lies_above_or_next_to_it(folder: str) -> None:
     # `python -m truing` is the command line
     own = [path for path in modules(folder) if path != PROJECT / "truing" / "__main__.py"]
     faults = {module_name(path): climbing(path, FORBIDDEN[folder]) for path in own}
@@ -72,8 +72,8 @@ def test_a_stage_knows_no_other_stage_no_path_and_no_command_line() -> None:
 def test_open3d_is_imported_in_one_place() -> None:
     importing = {
         path.relative_to(PROJECT).as_posix()
-        for room in ROOMS
-        for path in modules(room)
+        for package in PACKAGES
+        for path in modules(package)
         if climbing(path, ("open3d",)) or '"open3d")' in path.read_text(encoding="utf-8")
     }
     assert importing == {"truing/open3d_library.py"}

@@ -26,7 +26,7 @@ def singular(word: str) -> str:
 
 
 def instruments_words(text: str) -> list[str]:
-    """Words of instruments in a text, within names of several words as well."""
+    """Words for instruments in a text, also within names of several words."""
     return [word for word in _WORD.findall(text) if singular(word.lower()) in OF_ONE_INSTRUMENT]
 
 

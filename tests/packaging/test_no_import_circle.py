@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter
 
-from tests.packaging.source_tree import ROOMS, imported_modules, module_name, modules
+from tests.packaging.source_tree import PACKAGES, imported_modules, module_name, modules
 
 
 def circles(imports: Mapping[str, set[str]]) -> list[str]:
@@ -31,6 +31,8 @@ def test_every_circle_is_found_in_the_order_of_its_imports() -> None:
 
 
 def test_no_modules_import_each_other() -> None:
-    files = {module_name(path): path for room in (*ROOMS, "benchmarks", "docs", "tests") for path in modules(room)}
+    files = {
+        module_name(path): path for package in (*PACKAGES, "benchmarks", "docs", "tests") for path in modules(package)
+    }
     found = circles({name: imported_modules(path, files) for name, path in files.items()})
     assert not found, "circles of imports; move what both ends need to a third module:\n" + "\n".join(found)

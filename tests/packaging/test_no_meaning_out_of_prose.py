@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.packaging.source_tree import PROJECT, ROOMS, modules
+from tests.packaging.source_tree import PACKAGES, PROJECT, modules
 
 # Columns, fields and variables that hold sentences.
 PROSE = {"clause", "explanation", "left_out", "message", "next_measurement", "reason", "said", "says", "why"}
@@ -29,7 +29,7 @@ def named(node: ast.AST) -> str:
 
 
 def looks_into(node: ast.AST) -> bool:
-    """Whether an expression takes a sentence apart, or looks for words in it."""
+    """Return True if an expression takes a sentence apart or searches it for words."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
         asked = node.func
         if asked.attr in LOOKS and node.args and named(asked.value) in PROSE:
@@ -69,7 +69,9 @@ def test_code_that_composes_a_sentence_is_allowed(line: str) -> None:
 
 
 def test_no_module_looks_for_a_fact_in_a_sentence() -> None:
-    own = [p for room in ROOMS for p in modules(room) if not p.relative_to(PROJECT).as_posix().startswith(FOREIGN)]
+    own = [
+        p for package in PACKAGES for p in modules(package) if not p.relative_to(PROJECT).as_posix().startswith(FOREIGN)
+    ]
     places = [f"{_place(path)}:{line}" for path in own for line in found_in(path.read_text(encoding="utf-8"))]
     assert not places, "make it a column, an enum or a field:\n" + "\n".join(places)
 

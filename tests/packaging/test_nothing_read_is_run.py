@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.packaging.source_tree import PROJECT, ROOMS, imported_names, module_name, modules, within
+from tests.packaging.source_tree import PACKAGES, PROJECT, imported_names, module_name, modules, within
 
 MODULES = ("pickle", "cPickle", "cloudpickle", "dill", "joblib", "marshal", "shelve", "yaml", "numpy.load", "pty")
 CALLS = {"eval", "exec", "compile", "__import__", "os.system", "os.popen", "np.load", "pd.read_pickle", "extractall"}
@@ -34,9 +34,9 @@ def _is_method(name: str) -> bool:
     return "." in name and name.rpartition(".")[2] in METHODS
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_files_that_are_read_are_never_executed(room: str) -> None:
-    assert {module_name(path): found for path in modules(room) if (found := _dangerous(path))} == {}
+@pytest.mark.parametrize("package", PACKAGES)
+def test_files_that_are_read_are_never_executed(package: str) -> None:
+    assert {module_name(path): found for path in modules(package) if (found := _dangerous(path))} == {}
 
 
 @pytest.mark.parametrize(
@@ -56,4 +56,4 @@ def test_a_dangerous_line_is_found(tmp_path: Path, line: str) -> None:
 
 
 def test_the_whole_project_is_scanned() -> None:
-    assert {path.relative_to(PROJECT).parts[0] for room in ROOMS for path in modules(room)} == set(ROOMS)
+    assert {path.relative_to(PROJECT).parts[0] for package in PACKAGES for path in modules(package)} == set(PACKAGES)

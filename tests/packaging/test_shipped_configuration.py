@@ -1,4 +1,4 @@
-"""What the project ships for code hosts, containers and other tools names files, commands and targets that exist."""
+"""Shipped files for code hosts, containers and other tools name only existing files, commands and targets."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import truing
-from tests.packaging.source_tree import PROJECT, ROOMS, modules
+from tests.packaging.source_tree import PACKAGES, PROJECT, modules
 
 SETUPTOOLS = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
 PATTERNS = SETUPTOOLS["package-data"]["*"]
@@ -25,12 +25,12 @@ _WHEEL = f"truing-{truing.__version__}-py3-none-any.whl"
 _CALL = "import truing; assert 'installed' in truing.__file__; from truing.pipeline.entry import main; main()"
 
 
-def _packaged_files(room: Path) -> list[Path]:
-    return [path for path in room.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+def _packaged_files(package: Path) -> list[Path]:
+    return [path for path in package.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
 
 
 def _installed(path: Path) -> str:
-    """Where a file of the checkout stands in the wheel: everything below the one name."""
+    """Path in the wheel of a file of the checkout: below the one package."""
     place = path.relative_to(PROJECT)
     return place.as_posix() if place.parts[0] == "truing" else f"truing/{place.as_posix()}"
 
@@ -39,8 +39,8 @@ def _installed(path: Path) -> str:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the wheel and the source archive, made from a copy of what they are made of."""
     place = tmp_path_factory.mktemp("built")
-    for room in ROOMS:
-        shutil.copytree(PROJECT / room, place / "source" / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for package in PACKAGES:
+        shutil.copytree(PROJECT / package, place / "source" / package, ignore=shutil.ignore_patterns("__pycache__"))
     for file in PROJECT.iterdir():
         if file.suffix in (".md", ".toml", ".cff", ".in") or file.name in ("LICENSE", "setup.py"):
             shutil.copy(file, place / "source")
@@ -51,12 +51,12 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_folder_of_a_room_is_a_package() -> None:
-    folders = {path.parent for room in ROOMS for path in modules(room)}
+    folders = {path.parent for package in PACKAGES for path in modules(package)}
     assert [folder for folder in sorted(folders) if not (folder / "__init__.py").is_file()] == []
 
 
 def test_every_data_file_is_named_by_a_pattern() -> None:
-    data = [path for room in ROOMS for path in _packaged_files(PROJECT / room) if path.suffix != ".py"]
+    data = [path for package in PACKAGES for path in _packaged_files(PROJECT / package) if path.suffix != ".py"]
     assert data
     assert [path for path in data if not any(fnmatch(path.name, pattern) for pattern in PATTERNS)] == []
 
@@ -64,9 +64,9 @@ def test_every_data_file_is_named_by_a_pattern() -> None:
 def test_the_wheel_holds_the_rooms_and_nothing_else(built: Path) -> None:
     with zipfile.ZipFile(built / _WHEEL) as wheel:
         names = wheel.namelist()
-    rooms = {_installed(path) for room in ROOMS for path in _packaged_files(PROJECT / room)}
+    packages = {_installed(path) for package in PACKAGES for path in _packaged_files(PROJECT / package)}
     about = {name for name in names if name.startswith(f"truing-{truing.__version__}.dist-info/")}
-    assert set(names) - about == rooms
+    assert set(names) - about == packages
     assert "truing/py.typed" in names
     assert any(name.endswith("licenses/LICENSE") for name in about)
 
@@ -86,7 +86,7 @@ def test_the_wheel_has_the_metadata_of_the_project(built: Path) -> None:
     assert "truing = truing.pipeline.entry:main" in commands
 
 
-def test_the_source_archive_builds_and_tells_of_its_changes(built: Path) -> None:
+def test_the_source_archive_builds_and_has_its_changes(built: Path) -> None:
     with tarfile.open(built / f"truing-{truing.__version__}.tar.gz") as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert {"pyproject.toml", "LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff", "truing/py.typed"} <= names

@@ -105,7 +105,7 @@ class Fineness:
 
     @property
     def margin_px(self) -> int:
-        """How far light is carried."""
+        """Reach of the blur, px."""
         return int(np.ceil(REACH * self.blur_px)) + 1
 
 
@@ -121,7 +121,7 @@ class Patch:
 
 
 def patch(decal: Decal, lens: Lens, view: View, samples: int, margin_px: int = 0) -> Patch | None:
-    """Where a decal is in a photograph; None where it is out of sight."""
+    """Place of a decal in a photograph; None if it is out of sight."""
     centre, normal = view.seen(decal.centre), rotate(view.turn, decal.normal)
     if centre[2] <= 0 or centre @ normal >= 0:
         return None
@@ -150,7 +150,7 @@ def _draw(
 
 
 def collected(samples: Array, fineness: Fineness) -> Array:
-    """What pixels collect of samples that the lens has blurred."""
+    """Grey values of pixels from samples blurred by the lens."""
     return pixels(blurred(samples, fineness.blur_px * fineness.samples), fineness.samples)
 
 

@@ -84,7 +84,7 @@ def draw_field(
 
 
 def _no_target(place: Array, colours: Colours, rng: np.random.Generator) -> Iterator[Decal]:
-    """What stands at a place instead of a target: two circles in one another, lettering, a hole, a reflection."""
+    """A false target at a place: concentric circles, lettering, a hole, a reflection."""
     kind = rng.integers(4)
     if kind == 0:
         half = 3.4 * np.array([1.0, 0.0, 0.0])
@@ -116,7 +116,7 @@ def centres_of_images(field: Field, lens: Lens, view: View) -> Array:
 
 
 def holes_of_washers(field: Field, lens: Lens, view: View) -> Array:
-    """Where the holes (N, 2) of washers are imaged, px: circles that are no targets."""
+    """Images of the holes of washers (N, 2), px: circles that are no targets."""
     return _pixels(lens, view, np.array([one.centre for one in field.clutter if one.name == "washer"]).reshape(-1, 3))
 
 

@@ -27,7 +27,7 @@ class CameraEffect(NamedEffect):
         return np.ones((len(schedule.pose), len(bars)))
 
     def bend(self, seen: Array, view: View) -> Array:
-        """Where points (..., 3) in a camera's axes seem to be, in the same axes; only their direction counts."""
+        """Apparent directions of points (..., 3) in the axes of a camera; their length does not count."""
         return seen
 
 

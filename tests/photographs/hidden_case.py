@@ -30,7 +30,7 @@ Sized = Callable[[float], CameraEffect]
 
 @dataclass(frozen=True)
 class Plan:
-    """How a campaign is photographed: poses to fit and held out, and everything but the effects."""
+    """A photographed campaign: fitted and held-out poses, and everything but the effects."""
 
     kind: str
     poses: tuple[int, int]

@@ -36,7 +36,7 @@ class Lens:
 
     @property
     def origin_px(self) -> complex:
-        """Where the axis pierces the image, from the first pixel's centre."""
+        """Principal point, from the centre of the first pixel, px."""
         return complex((self.width_px - 1) / 2, (self.height_px - 1) / 2) + self.principal_px
 
     def image_of(self, w: Complex) -> Complex:
@@ -44,7 +44,7 @@ class Lens:
         return self.origin_px + self.focal_px * self.distorted(w)
 
     def distorted(self, w: Complex) -> Complex:
-        """What the lens makes of directions w, in units of the focal length."""
+        """Distorted directions of w, in units of the focal length."""
         square = w.real**2 + w.imag**2
         k1, k2, k3 = self.radial
         along = (np.conj(self.decentring) * w).real
@@ -67,7 +67,7 @@ class Lens:
         return w
 
     def inside(self, pixel: Complex, margin_px: float = 0.0) -> NDArray[np.bool_]:
-        """Whether pixels lie in the format, by a margin."""
+        """Return True for pixels inside the format by at least a margin."""
         x, y = pixel.real, pixel.imag
         right, below = self.width_px - 1 - margin_px, self.height_px - 1 - margin_px
         return (x >= margin_px) & (x <= right) & (y >= margin_px) & (y <= below)

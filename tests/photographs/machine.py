@@ -46,7 +46,7 @@ def stated_covariance(tables: dict[str, pa.Table], pose: int) -> tuple[list[str]
 
 
 def copied(tables: dict[str, pa.Table], poses: Sequence[int]) -> dict[str, pa.Table]:
-    """What the named poses have of tables, each once more under its place in the row, counted from 1."""
+    """Tables of the given poses, which are numbered anew from 1 and may repeat."""
     again = {name: tables[name] for name in ("survey", "camera_correlations")}
     for name in ("configurations", "observations", "object_points", "point_correlations", "point_sensitivities"):
         frame = tables[name].to_pandas()

@@ -16,7 +16,7 @@ from tests.blind.generator.quaternions import Array
 
 
 class Pattern(Protocol):
-    """What is printed, and how far it reaches from its middle."""
+    """A printed pattern and its radius."""
 
     @property
     def reach_mm(self) -> float: ...

@@ -31,7 +31,8 @@ def write_rays(photographed: Photographed, folder: Path, seed: int) -> Path:
 
 
 def write_machine_tables(campaign: Campaign, folder: Path, further: tuple[str, ...]) -> None:
-    """What does not come from photographs: campaign.toml (with further lines), targets.csv, configurations.csv."""
+    """Write the files that do not come from photographs: campaign.toml (with further lines), targets.csv,
+    configurations.csv."""
     write_lines(folder / "campaign.toml", [*campaign_toml(campaign), *further])
     write_lines(folder / "targets.csv", targets(campaign))
     write_lines(folder / "configurations.csv", configurations(campaign))

@@ -50,9 +50,8 @@ BARS = (
 
 @dataclass(frozen=True)
 class Shooting:
-    """How a campaign is photographed: the machine's layout, the lenses (stations go round among them), the stations
-    of each pose, what an image coordinate is uncertain by and what is stated of that, bars, and what goes wrong.
-    """
+    """A photographed campaign: layout of the machine, lenses (assigned to stations in turn), stations of each pose,
+    true and declared uncertainty of image coordinates, scale bars, and faults."""
 
     layout: Layout = field(
         default_factory=lambda: Layout(
@@ -94,7 +93,7 @@ class Photographed:
     calibrated_mm: Array
 
     def camera_of(self, station: int) -> Lens:
-        """The lens that stands at a station."""
+        """The lens at a station."""
         return self.shooting.lenses[station % len(self.shooting.lenses)]
 
 
@@ -183,7 +182,7 @@ def _bar_ends(
 def _pixels(
     shooting: Shooting, campaign: Campaign, effects: Sequence[CameraEffect], views: View, points: Array
 ) -> NDArray[np.complex128]:
-    """Where every camera truly images every point (N, S, M)."""
+    """Exact image of every point in every camera (N, S, M)."""
     view = View(views.turn[:, :, None], views.centre[:, :, None])
     seen = view.seen(points[:, None])
     for effect in effects:
@@ -199,9 +198,8 @@ def _pixels(
 
 
 def normals(campaign: Campaign, bars: int) -> Array:
-    """Which way every target faces (N, M, 3), base frame: up, leaning outwards, more or less from one to the next;
-    a bar's up.
-    """
+    """Normals of all targets (N, M, 3), base frame: up, leaning outwards by different amounts; those of bars point
+    up."""
     place, marks = campaign.marks.place, campaign.marks
     lean = np.deg2rad(3.0 + 4.0 * (np.arange(len(place)) % 3))[:, None]
     outwards = unit(place * [1.0, 1.0, 0.0] + [1e-9, 0.0, 0.0])
@@ -222,7 +220,7 @@ def _seen(
     pixel: NDArray[np.complex128],
     rng: np.random.Generator,
 ) -> Flags:
-    """Which target (N, S, M) is in the format, faces the camera and was not lost."""
+    """Mask (N, S, M) of the targets that are in the format, face the camera and were not lost."""
     sight = unit(views.centre[:, :, None] - points[:, None])
     facing = np.sum(sight * normals(campaign, len(shooting.bars))[:, None], axis=-1)
     inside = np.empty(pixel.shape, bool)
@@ -242,7 +240,7 @@ def _wrong(shooting: Shooting, seen: Flags, rng: np.random.Generator) -> NDArray
 
 
 def _coded(count: int, share: float) -> Flags:
-    """Which targets carry a code: the share, spread evenly over the list."""
+    """Mask of the targets that carry a code: a share, spread evenly over the list."""
     return np.floor(np.arange(1, count + 1) * share) > np.floor(np.arange(count) * share)
 
 

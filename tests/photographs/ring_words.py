@@ -21,6 +21,6 @@ def _is_one(word: int, bits: int) -> bool:
 
 
 def segments(bits: int, number: int) -> tuple[bool, ...]:
-    """Which of the ring's segments have the dot's colour, clockwise as seen from the front, highest bit first."""
+    """Mask of the ring's segments in the colour of the dot, clockwise seen from the front, highest bit first."""
     word = ring_words(bits)[number - 1]
     return tuple(bool(word >> (bits - 1 - k) & 1) for k in range(bits))

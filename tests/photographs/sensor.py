@@ -49,7 +49,7 @@ class Sensor:
 
 
 def save(grey: Grey, path: Path, lens: Lens, quality: int = 90) -> None:
-    """Writes JPEG or PNG by the name's ending, with what a camera says of itself."""
+    """Write JPEG or PNG by the ending of the name, with the camera's metadata."""
     options = {"quality": quality} if path.suffix == ".jpg" else {}
     Image.fromarray(grey).save(path, exif=_exif(lens), **options)
 

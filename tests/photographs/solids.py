@@ -90,5 +90,5 @@ def _squared(x: Array, y: Array, z: Array) -> Array:
 
 
 def hidden_by(solid: Solid, w: Complex, view: View, depth: Array) -> NDArray[np.bool_]:
-    """Whether a solid stands before what rays meet at ``depth``."""
+    """Return True for rays that a solid meets before ``depth``."""
     return solid.hit(w, view).depth < depth - 0.5

@@ -46,9 +46,8 @@ class SurveyMeasure(RayMeasure):
         return float(np.linalg.norm(shift - shared / scale @ best))
 
     def _against_survey(self, plain: Photographed, changed: Photographed, pose: int) -> Array:
-        """Rows of one pose, free of its stations, of where its bodies stand and of bars' ends: by lenses, by the
-        survey and by bars' lengths, then the shift.
-        """
+        """Rows of one pose, free of its stations, the poses of its bodies and the ends of bars: by lenses, by the
+        survey and by bars' lengths, then the shift."""
         lenses, marks = plain.shooting.lenses, plain.campaign.marks
         station, point, shift = shift_of(plain, changed, pose)
         view, points = View(plain.views.turn[pose], plain.views.centre[pose]), plain.points[pose]
@@ -87,7 +86,8 @@ def _each_stepped(lenses: tuple[Lens, ...]) -> list[tuple[Lens, ...]]:
 
 
 def _motions(points: Array, bodies: Sequence[str]) -> Array:
-    """How all points (3 M) follow shifts and turns of every body, (3 M, 6 bodies); bars' ends none of them."""
+    """Derivatives (3 M, 6 bodies) of all points by translation and rotation of every body; zero for ends of scale
+    bars."""
     names = list(dict.fromkeys(bodies))
     found = np.zeros((len(points), 3, len(names), 6))
     for n, body in enumerate(bodies):
@@ -98,7 +98,7 @@ def _motions(points: Array, bodies: Sequence[str]) -> Array:
 
 
 def _turned_axes(plain: Photographed, pose: int) -> Array:
-    """How the surveyed targets (3 M) of a pose follow the survey's coordinates (3 M)."""
+    """Derivatives (3 M, 3 M) of a pose's surveyed targets by the coordinates of the survey."""
     marks = plain.campaign.marks
     turn = from_vector(plain.campaign.truth.rotation_vector[pose])
     found = np.zeros((len(marks.body), 3, len(marks.body), 3))

@@ -84,7 +84,7 @@ class Session:
 
     @cached_property
     def normals(self) -> Array:
-        """Which way they face (N, M, 3)."""
+        """Normals (N, M, 3)."""
         return normals(self.campaign, len(BARS))
 
     @cached_property
@@ -106,7 +106,7 @@ class Session:
         return self.sensor.expose(light, self.lens, np.random.default_rng([SEED, 3, n, station]))
 
     def true_pixels(self, n: int) -> Array:
-        """Where the circles' centres truly are in every photograph of a pose (S, M, 2), px."""
+        """Exact images of the circles' centres in every photograph of a pose (S, M, 2), px."""
         round_ = self.view(n)
         view = View(round_.turn[:, None], round_.centre[:, None])
         pixel = self.lens.image_of(direction(view.seen(self.points[n])))

@@ -38,7 +38,7 @@ def on_decal(thing: Decal, u: Array, v: Array) -> Array:
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (130.0, 90.0), (-180.0, -60.0)])
-def test_a_circle_covers_of_each_pixel_what_its_outline_encloses(place: tuple[float, float]) -> None:
+def test_a_circle_covers_the_enclosed_share_of_each_pixel(place: tuple[float, float]) -> None:
     view, dot = camera(-250.0, -420.0, 500.0, roll=0.3), Dot(4.0, 9.0)
     thing = decal("dot", dot, np.array([*place, 0.0]), UP)
     on = patch(thing, LENS, view, samples=3)

@@ -27,7 +27,7 @@ def interior(lens: Lens) -> Array:
 
 
 def as_network(made: Photographed) -> tuple[Network, NetworkState]:
-    """What was photographed and the truth of it, in m."""
+    """The photographed network and its true state, in m."""
     poses, stations = made.views.centre.shape[:2]
     many = made.points.shape[1]
     camera = tuple(Camera(lens.name, lens.width_px, lens.height_px) for lens in made.shooting.lenses)

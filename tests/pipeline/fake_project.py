@@ -235,7 +235,7 @@ POINTS = """pose,body,target,x_mm,y_mm,z_mm
 
 @dataclass(frozen=True)
 class FakeProject:
-    """The tiny project, one campaign, and a folder to stand in."""
+    """The tiny project, one campaign, and a working folder."""
 
     root: Path
     campaign: Path
@@ -244,7 +244,7 @@ class FakeProject:
 
     @property
     def out(self) -> Path:
-        """Where a run goes by default."""
+        """Default folder of a run."""
         return self.cwd / "runs" / "bench"
 
     def command(self, *words: str) -> list[str]:

@@ -100,7 +100,7 @@ def test_a_table_against_its_schema_is_not_read(tmp_path: Path) -> None:
         read_artifact(tmp_path, ARTIFACTS["observations"])
 
 
-def test_a_stream_that_breaks_off_leaves_what_was_there(tmp_path: Path) -> None:
+def test_an_interrupted_stream_keeps_the_previous_file(tmp_path: Path) -> None:
     write_artifacts(tmp_path, {"observations": observations(2)}, STAMP, [])
     before = (tmp_path / "observations.parquet").read_bytes()
 

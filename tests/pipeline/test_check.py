@@ -366,7 +366,7 @@ def test_a_standard_deviation_that_many_files_lack_is_reported_once(tmp_path: Pa
     assert_says(fault.expected, "11 other files")
 
 
-def test_a_survey_without_a_standard_deviation_is_reported_beside_faults_of_other_tables(tmp_path: Path) -> None:
+def test_a_survey_without_a_standard_deviation_is_reported_next_to_faults_of_other_tables(tmp_path: Path) -> None:
     found = faults(
         written(tmp_path, campaign=HEAD, points=points("1", "x"), configurations="pose\n1\n1\n", targets=survey("A"))
     )

@@ -18,7 +18,7 @@ import pytest
 from tests.conftest import PROJECT
 from tests.cut_telescope import cut_telescope
 from tests.formats.test_other_formats import write_c3d
-from tests.packaging.source_tree import ROOMS
+from tests.packaging.source_tree import PACKAGES
 from tests.pipeline.test_plan_command import CAMPAIGN, TARGETS
 
 # As the script `truing` is: its own folder is the first on the path.
@@ -45,12 +45,14 @@ _STARTS_PROCESSES = ("multiprocessing", "subprocess", "ProcessPoolExecutor", "Lo
 
 @cache
 def _names() -> frozenset[str]:
-    """Every name that an import can have here: the standard library's, those of all that is installed, the rooms'."""
+    """Names that can be imported here: of the standard library, of installed packages, and of the project."""
     installed = importlib.metadata.packages_distributions()
     built = sysconfig._get_sysconfigdata_name()  # type: ignore[attr-defined]
     # what an editable installation leaves next to the packages is named in no list of theirs
     beside = (path.stem for folder in site.getsitepackages() for path in Path(folder).glob("*.py"))
-    return frozenset((*sys.stdlib_module_names, *installed, *beside, *ROOMS, "sitecustomize", "usercustomize", built))
+    return frozenset(
+        (*sys.stdlib_module_names, *installed, *beside, *PACKAGES, "sitecustomize", "usercustomize", built)
+    )
 
 
 def _plant(folder: Path, mark: Path) -> None:
@@ -89,7 +91,7 @@ def _python(words: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_no_command_runs_code_that_lies_beside_the_data(planted: Path, workplace: Path) -> None:
+def test_no_command_runs_code_that_lies_next_to_the_data(planted: Path, workplace: Path) -> None:
     run = str(shutil.copytree(workplace / "runs" / "telescope", planted / "run"))
     many = ["run", ".", "../two", "--only", "ingest", "--quiet", "--workers", "2"]
     calls = {
@@ -124,7 +126,7 @@ def test_python_m_leaves_the_current_folder_where_the_command_begins(package: st
     assert (tmp_path / "mark").read_text() == "typer"  # which is run where nothing prevents it
 
 
-def test_settings_of_numba_beside_the_data_say_nothing(tmp_path: Path) -> None:
+def test_settings_of_numba_next_to_the_data_say_nothing(tmp_path: Path) -> None:
     """They name, among other things, the folder that compiled code is loaded from."""
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: .\ndisable_jit: 1\n")
     reading = "numba.core.config as c; print([c.CACHE_DIR, c.DISABLE_JIT])"
@@ -132,8 +134,8 @@ def test_settings_of_numba_beside_the_data_say_nothing(tmp_path: Path) -> None:
     assert _python(["-c", program], tmp_path).stdout == "['', 0]\n"
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_modules_that_start_processes_use_child_processes(room: str) -> None:
-    sources = {path: path.read_text(encoding="utf-8") for path in (PROJECT / room).rglob("*.py")}
+@pytest.mark.parametrize("package", PACKAGES)
+def test_modules_that_start_processes_use_child_processes(package: str) -> None:
+    sources = {path: path.read_text(encoding="utf-8") for path in (PROJECT / package).rglob("*.py")}
     starts = [path for path, text in sources.items() if any(f"import {name}" in text for name in _STARTS_PROCESSES)]
     assert [path for path in starts if "truing.child_processes" not in sources[path]] == []

@@ -238,7 +238,7 @@ def sensor(folder: Path, **sections: Any) -> Path:
     return folder
 
 
-def test_a_sensor_is_given_loads_and_its_own_are_judged_beside_them(tmp_path: Path) -> None:
+def test_a_sensor_is_given_loads_and_its_own_are_assessed_next_to_them(tmp_path: Path) -> None:
     out = tmp_path / "loads.csv"
     done = call(SAMPLE.parent / "force-sensor", "--poses", 60, "--verification", 6, "--at-once", 2, "--out", out)
     assert done.exit_code == 0, done.output

@@ -179,7 +179,7 @@ def test_a_rotary_axis_is_planned_in_degrees(tmp_path: Path) -> None:
         (("--poses", 20, "--cycles", 3), ("--poses", "at least 36 readings")),
     ],
 )
-def test_what_an_axis_does_not_have_is_refused(
+def test_options_without_meaning_for_an_axis_are_refused(
     words: tuple[object, ...], said: tuple[str, ...], tmp_path: Path
 ) -> None:
     done = call(axis(tmp_path / "stage"), *words)

@@ -44,7 +44,7 @@ def workforce(request: pytest.FixtureRequest) -> Workforce:
     return Workforce(1 if request.param == "alone" else 2)
 
 
-def test_results_stand_in_the_order_of_the_pieces(workforce: Workforce) -> None:
+def test_results_are_in_the_order_of_the_pieces(workforce: Workforce) -> None:
     done: list[int] = []
     assert list(results(work.late_if_first, range(5), workforce, lost, done.append)) == [0, 1, 2, 3, 4]
     assert done == [1, 2, 3, 4, 5]
@@ -71,9 +71,7 @@ def test_a_local_cluster_is_started_for_the_call_works_elsewhere_and_leaves_noth
 
 @pytest.mark.parametrize("place", ["processes", "dask"])
 @pytest.mark.parametrize("deaths", [1, 99])
-def test_a_worker_that_vanishes_costs_no_result_but_that_of_what_kills_it(
-    place: str, deaths: int, tmp_path: Path
-) -> None:
+def test_a_lost_worker_costs_only_the_result_that_kills_it(place: str, deaths: int, tmp_path: Path) -> None:
     workforce = Workforce(2) if place == "processes" else Workforce(2, LOCAL)
     pieces = [(str(tmp_path), number, deaths) for number in range(8)]
     found = list(results(work.end_own_worker, pieces, workforce, lost))
@@ -143,7 +141,7 @@ def test_workers_end_with_the_process_that_asked_for_work(number: signal.Signals
         assert len(list(tmp_path.glob("tidied-*"))) == 2
 
 
-def test_where_no_scheduler_answers_the_environment_is_to_blame(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_scheduler_is_a_problem_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("truing.pipeline.executor._SECONDS_TO_ANSWER", 0.3)
     with pytest.raises(EnvironmentProblem, match=r"tcp://127\.0\.0\.1:9: no scheduler with a worker answers"):
         list(results(work.square, range(2), Workforce(scheduler="tcp://127.0.0.1:9"), lost))

@@ -117,7 +117,7 @@ CHANGES: dict[str, tuple[Callable[[FakeProject], None], list[str], str]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_a_change_reruns_exactly_what_depends_on_it(ran: FakeProject, change: str) -> None:
+def test_a_change_reruns_exactly_the_dependent_stages(ran: FakeProject, change: str) -> None:
     act, expected, reason = CHANGES[change]
     act(ran)
     if reason:
@@ -142,7 +142,7 @@ def _not_behind(expected: list[str]) -> list[str]:
     return [name for name in ALL if name not in behind]
 
 
-def test_the_model_that_a_campaign_starts_from_is_judged_by_content(fake: FakeProject) -> None:
+def test_the_model_that_a_campaign_starts_from_is_assessed_by_content(fake: FakeProject) -> None:
     leg = "{ a_mm = [1.0, 0.0, 0.0], b_mm = [1.0, 0.0, 0.0], length_mm = 5.0 }"
     legged = f'[mechanism]\ntype = "ups"\nmodel = "../earlier.toml"\nlegs = [{leg}, {leg}, {leg}]\n\n[noise]'
     earlier = fake.campaign.parent / "earlier.toml"

@@ -104,7 +104,7 @@ def test_every_line_of_a_starter_that_is_switched_off_can_be_switched_on(tmp_pat
     assert faults_of(document) == []
 
 
-def test_a_starter_stays_short_whatever_lies_there(tmp_path: Path) -> None:
+def test_a_starter_file_stays_short_for_any_folder(tmp_path: Path) -> None:
     files = {f"{name}.csv": f"pose,body,target,x_mm,y_mm,z_mm\n1,{name},A,1,2,3\n" for name in "abcdefghijklmnop"}
     for number, name in enumerate(files):
         (tmp_path / str(number)).mkdir()

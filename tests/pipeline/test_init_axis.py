@@ -27,7 +27,7 @@ READINGS = np.round(4.0 * np.sin(np.radians(AT)), 2)
     ],
 )
 @pytest.mark.parametrize("sign", ["place-command", "command-place"])
-def test_readings_beside_positions_of_an_axis_are_deviations_of_an_asked_sign(
+def test_readings_next_to_positions_of_an_axis_are_deviations_of_an_asked_sign(
     tmp_path: Path, head: str, unit: str, directions: tuple[str, str], sign: str
 ) -> None:
     rows = [

@@ -64,7 +64,7 @@ def test_one_unit_behind_the_names_of_three_axes_holds_for_all(tmp_path: Path, u
     assert "units" not in entry
 
 
-def test_places_in_one_group_are_poses_beside_a_log_of_as_many(tmp_path: Path) -> None:
+def test_places_in_one_group_are_poses_next_to_a_log_of_as_many(tmp_path: Path) -> None:
     joints, places = RNG.uniform(-90.0, 90.0, (8, 6)).round(3), RNG.uniform(-900.0, 900.0, (8, 3)).round(4)
     targets = [
         f"CONST jointtarget jp{10 * k}:=[[{','.join(map(str, row))}],[9E9,9E9]];" for k, row in enumerate(joints)
@@ -106,7 +106,7 @@ def test_x_of_an_autocollimator_is_the_deviation_of_a_rotary_axis(tmp_path: Path
         ("/PROG  CALIB\n/POS", "P[{}]{{\n   GP1:\n\tX = {}.5 mm,\tY = 0.0 mm\n}};", "FANUC"),
     ],
 )
-def test_what_is_not_read_is_reported_with_its_reason(tmp_path: Path, head: str, cell: str, word: str) -> None:
+def test_unread_files_are_reported_with_the_reason(tmp_path: Path, head: str, cell: str, word: str) -> None:
     _write(tmp_path / "one.csv", [head, *(cell.format(k, 3 * k) for k in range(12))])
     printed, _ = init(tmp_path)
     assert word in printed

@@ -185,7 +185,7 @@ FINGERS = """<link name="left"/><link name="right"/>
 <mimic joint="finger"/></joint></robot>"""
 
 
-def test_a_trackers_named_points_beside_a_log_of_an_arm_with_a_gripper_are_poses_of_one_reflector(
+def test_a_trackers_named_points_next_to_a_log_of_an_arm_with_a_gripper_are_poses_of_one_reflector(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "arm.urdf").write_text(URDF.replace("</robot>", FINGERS))

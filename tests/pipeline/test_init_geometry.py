@@ -77,7 +77,7 @@ def test_masses_of_another_number_of_links_are_left_out_and_named(tmp_path: Path
     assert "masses.csv: masses of links" in text[text.index("# Not read") :]
 
 
-def test_variables_in_a_table_tell_slides_and_shifts(tmp_path: Path) -> None:
+def test_variables_in_a_table_distinguish_slides_and_shifts(tmp_path: Path) -> None:
     log(tmp_path, "J1_deg,J2_deg,J3_mm,J4_deg")
     lines = ["i,alpha_i-1 (rad),a_i-1 (m),theta_i (deg),d_i (m)"]
     lines += ["1,0,0,J1,0.38", "2,0,0.325,J2 - 90,0", "3,3.141592653589793,0.275,0,J3", "4,0,0,J4,0.06"]
@@ -91,7 +91,7 @@ def test_variables_in_a_table_tell_slides_and_shifts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("answer", ["standard", "modified"])
-def test_a_convention_that_no_word_tells_is_asked(tmp_path: Path, answer: str) -> None:
+def test_a_convention_that_no_word_gives_is_asked(tmp_path: Path, answer: str) -> None:
     log(tmp_path)
     lines = [f"{k},{theta},{d},{a},{alpha}" for k, (a, alpha, d, theta) in enumerate(ROWS, 1)]
     (tmp_path / "robot.csv").write_text("\n".join(["joint,theta_deg,d_mm,a_mm,alpha_deg", *lines]) + "\n")
@@ -195,7 +195,7 @@ def test_rows_in_another_order_are_no_table_of_a_chain(tmp_path: Path) -> None:
     assert "dh" not in init(tmp_path)[1].get("mechanism", {})
 
 
-def test_bodies_of_motion_capture_are_those_of_the_legs_beside_them(tmp_path: Path) -> None:
+def test_bodies_of_motion_capture_are_those_of_the_legs_next_to_them(tmp_path: Path) -> None:
     """Both bodies of one file are read, whatever its length."""
     legs = RNG.uniform(-900.0, 900.0, (6, 7)).round(3)
     head = "Leg,BaseX,BaseY,BaseZ,PlatX,PlatY,PlatZ,Length0"

@@ -124,7 +124,7 @@ def test_deviations_have_the_unit_of_the_words_or_of_their_size(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("first", [1000, 1])
-def test_frames_of_an_instrument_beside_a_log_without_numbers_are_poses_in_its_order(
+def test_frames_of_an_instrument_next_to_a_log_without_numbers_are_poses_in_its_order(
     tmp_path: Path, first: int
 ) -> None:
     turns = Rotation.random(len(JOINTS), rng=RNG).as_quat()[:, [3, 0, 1, 2]]
@@ -186,7 +186,7 @@ def test_a_name_that_is_the_mark_of_a_comment_counts_rows(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("head", ["Pos No.", "Target number", "#", "Point"])
-def test_numbers_of_targets_beside_runs_are_no_run(tmp_path: Path, head: str) -> None:
+def test_numbers_of_targets_next_to_runs_are_no_run(tmp_path: Path, head: str) -> None:
     runs = RNG.normal(0.0, 1.0, (6, 4)).round(2)
     lines = [f"{head},Target(mm),Run1 Fwd(um),Run1 Rev(um),Run2 Fwd(um),Run2 Rev(um)"]
     lines += [",".join(map(str, [k + 1, 50 * k, *row])) for k, row in enumerate(runs)]

@@ -73,7 +73,7 @@ def _gantry(folder: Path, places: np.ndarray, files: int) -> None:
 
 
 @pytest.mark.parametrize("files", [1, 2])
-def test_a_log_of_linear_axes_beside_points_is_a_gantry(tmp_path: Path, files: int) -> None:
+def test_a_log_of_linear_axes_next_to_points_is_a_gantry(tmp_path: Path, files: int) -> None:
     places = RNG.uniform(0.0, 900.0, (20, 3)).round(3)
     _gantry(tmp_path, places, files)
     _, document = init(tmp_path)

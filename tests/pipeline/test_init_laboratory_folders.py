@@ -39,7 +39,7 @@ def test_bodies_have_the_words_of_names_even_if_labels_are_exchanged_once(tmp_pa
     assert {target[0] for body, target in pairs if body == "base"} == {"B"}
 
 
-def test_a_flange_beside_the_base_is_the_tip_of_a_chain(tmp_path: Path) -> None:
+def test_a_flange_next_to_the_base_is_the_tip_of_a_chain(tmp_path: Path) -> None:
     heads = ["Objects", "100", ",,Base_Global,,,,,,Flange_Global,,,,,", "Frame,Sub Frame" + ",RX,RY,RZ,TX,TY,TZ" * 2]
     heads.append("," + ",rad,rad,rad,mm,mm,mm" * 2)
     angles = RNG.uniform(-1.0, 1.0, (12, 3)).round(6)

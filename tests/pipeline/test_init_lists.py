@@ -34,7 +34,7 @@ def log(folder: Path, first: int | None = None) -> None:
         ("Messpunkt_{}", ",", "Punkt,X [mm],Y [mm],Z [mm]\n"),
     ],
 )
-def test_numbered_places_beside_a_log_are_poses_of_one_target(
+def test_numbered_places_next_to_a_log_are_poses_of_one_target(
     tmp_path: Path, name: str, separator: str, head: str
 ) -> None:
     log(tmp_path)
@@ -64,7 +64,7 @@ def test_numbers_of_places_are_those_of_the_log(tmp_path: Path, first: int | Non
     assert_close(np.array(read), np.delete(JOINTS[:, 0], 5), atol=1e-12, what="joint of each place")
 
 
-def test_a_numbered_list_beside_points_stays_a_survey(tmp_path: Path) -> None:
+def test_a_numbered_list_next_to_points_stays_a_survey(tmp_path: Path) -> None:
     log(tmp_path)
     (tmp_path / "survey.txt").write_text("".join(f"P{k} {x} {y} {z}\n" for k, (x, y, z) in enumerate(PATH, 1)))
     (tmp_path / "points.csv").write_text("pose,body,target,x_mm,y_mm,z_mm\n1,hand,P1,1,2,3\n2,hand,P1,1,2,4\n")
@@ -163,7 +163,7 @@ def test_poses_of_rigid_bodies_are_no_markers(tmp_path: Path) -> None:
     assert_close(numbers(found, "x_mm", "y_mm", "z_mm")[:6], motion(0), atol=1e-9, what="places")
 
 
-def test_nominal_loads_beside_channels_are_applied_loads(tmp_path: Path) -> None:
+def test_nominal_loads_next_to_channels_are_applied_loads(tmp_path: Path) -> None:
     axes = ("x", "y", "z")
     head = ["Zeit", *(f"K {k}" for k in range(6)), *(f"F{a} soll" for a in axes), *(f"M{a} soll" for a in axes)]
     units = ["s", *["mV/V"] * 6, *["N"] * 3, *["Nm"] * 3]
@@ -245,7 +245,7 @@ def test_joints_and_points_of_one_row_are_a_chain_campaign(tmp_path: Path, head:
     assert_close(numbers(joints, "pan_rad", "lift_rad", "twist_rad"), JOINTS, atol=0.0, what="joints")
 
 
-def test_several_targets_beside_joints_are_points_of_each_pose(tmp_path: Path) -> None:
+def test_several_targets_next_to_joints_are_points_of_each_pose(tmp_path: Path) -> None:
     head = "j1,j2,j3,x1,y1,z1,x2,y2,z2"
     rows = [",".join(map(str, row)) for row in np.column_stack([np.degrees(JOINTS), PATH, PATH + 80.0])]
     (tmp_path / "arm.csv").write_text("\n".join([head, *rows]) + "\n")
@@ -338,7 +338,7 @@ def test_each_sheet_of_another_table_is_read(tmp_path: Path) -> None:
     ],
     ids=["autocollimator", "interferometer"],
 )
-def test_the_only_other_angle_or_length_beside_commands_is_the_instrument(
+def test_the_only_other_angle_or_length_next_to_commands_is_the_instrument(
     tmp_path: Path, head: str, what: str, factor: float
 ) -> None:
     commands = [*range(0, 100, 10), *range(100, -1, -10)]

@@ -26,7 +26,7 @@ def text(names: list[str], values: np.ndarray) -> str:
 
 
 @pytest.mark.parametrize(("plan", "both"), [("a_loads.csv", "b_merged.csv"), ("b_loads.csv", "a_merged.csv")])
-def test_a_file_of_loads_is_left_out_beside_the_same_loads_with_signals(tmp_path: Path, plan: str, both: str) -> None:
+def test_a_file_of_loads_is_left_out_next_to_the_same_loads_with_signals(tmp_path: Path, plan: str, both: str) -> None:
     (tmp_path / plan).write_text(text(COMPONENTS, LOADS))
     (tmp_path / both).write_text(text(COMPONENTS + CHANNELS, np.hstack([LOADS, SIGNALS])))
     shown, document = init(tmp_path)

@@ -97,7 +97,7 @@ SIGNALS_V = LOADS @ RNG.normal(0.0, 1e-5, (6, 6))
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("mVDC", 1.0), ("V", 1e3), ("mV/V", 1.0)])
-def test_columns_in_volts_beside_loads_are_signals(tmp_path: Path, unit: str, factor: float) -> None:
+def test_columns_in_volts_next_to_loads_are_signals(tmp_path: Path, unit: str, factor: float) -> None:
     head = ["Time (s)", *(f"F{a} (N)" for a in "xyz"), *(f"M{a} (Nm)" for a in "xyz")]
     head += [f"{100 + k} ({unit})" for k in range(1, 7)] + ["Excitation (V)"]
     data = np.column_stack([np.arange(len(LOADS)), LOADS, SIGNALS_V, np.full(len(LOADS), 5.0)])

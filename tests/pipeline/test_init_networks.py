@@ -52,7 +52,7 @@ def test_points_are_read_only_where_their_rays_are_not(tmp_path):
 
 @pytest.mark.parametrize("ending", ["txt", "bin"])
 def test_rigs_and_frames_of_a_model_are_no_points(tmp_path, ending, capsys):
-    """What newer programs write next to cameras and images: lines of numbers, three of which look like coordinates."""
+    """Files of newer programs next to cameras and images hold lines of numbers that look like coordinates."""
     frame = "1 1 0.96 0.2 0.1 0.1 0.3 -0.2 4.9 1 CAMERA 1 {}"
     frames = "# Frame list with one line of data per frame:\n" + "\n".join(frame.format(n) for n in range(1, 9)) + "\n"
     texts = {"rigs": "# Rig calib list with one line of data per calib:\n1 1 CAMERA 1\n", "frames": frames}

@@ -39,7 +39,7 @@ def joint_log(folder: Path) -> None:
         "pose.orientation.x,pose.orientation.y,pose.orientation.z,pose.orientation.w",
     ],
 )
-def test_poses_of_a_rigid_body_beside_a_log_are_those_of_the_last_link(tmp_path: Path, head: str) -> None:
+def test_poses_of_a_rigid_body_next_to_a_log_are_those_of_the_last_link(tmp_path: Path, head: str) -> None:
     joint_log(tmp_path)
     rows = [
         ",".join(map(str, (START_NS + k * 10**9, 300 + 7 * k, "Flange", *place, *turned, 1)))
@@ -66,7 +66,7 @@ def test_the_column_of_the_rigid_body_names_the_only_body(tmp_path: Path) -> Non
     assert set(table(tmp_path, document, POSES).table.column("body").to_pylist()) == {"Platte"}
 
 
-def test_noise_of_a_chain_whose_measurement_is_missing_stands_under_its_head(tmp_path: Path) -> None:
+def test_noise_of_a_chain_whose_measurement_is_missing_is_under_its_head(tmp_path: Path) -> None:
     joint_log(tmp_path)
     _, document = init(tmp_path)
     assert "poses" not in document["files"]

@@ -73,7 +73,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def faultless_once_the_noise_is_declared(folder: Path) -> bool:
-    """What `truing init` proposes for raw files alone, with the noise as the only key that a person fills in."""
+    """Return True if the proposal of `truing init` has no fault once the user adds the noise."""
     (folder / "campaign.toml").unlink()
     assert init(folder).exit_code == 0
     text = (folder / "campaign.toml").read_text(encoding="utf-8")
@@ -155,7 +155,7 @@ def test_files_that_are_read_alike_are_one_entry_and_their_names_the_poses(
     assert sorted(path.name for path in (tmp_path / "raw").glob(entry["path"])) == sorted(names)
 
 
-def test_a_trackers_lists_of_one_target_each_tell_body_and_target_by_their_names(tmp_path: Path) -> None:
+def test_a_trackers_lists_of_one_target_each_show_body_and_target_by_their_names(tmp_path: Path) -> None:
     entry = proposed(tmp_path / "raw", TRACKER, HEAD)
     assert [(one["body"], one["target"]) for one in groups_in_names(entry, TRACKER)] == [
         ("M2", "Lower_Left"),
@@ -196,7 +196,7 @@ def test_a_time_of_an_unknown_notation_is_answered_with_the_key_that_reads_it(tm
     assert "expected a time written as %d-%b-%Y" in done.stderr
 
 
-def test_files_beside_those_that_a_glob_would_find_are_not_taken_along(tmp_path: Path) -> None:
+def test_files_next_to_those_that_a_glob_would_find_are_not_taken_along(tmp_path: Path) -> None:
     (tmp_path / "raw").mkdir()
     (tmp_path / "raw" / "20250221_notes.csv").write_text("who,when\nAnn,today\n")
     entries = proposed(tmp_path / "raw", BUNDLES, VSTARS)
@@ -240,7 +240,7 @@ def test_phases_of_a_quadrature_log_are_read_as_proposed(tmp_path: Path) -> None
         (("a.JPG", "b.JPG"), "*.JPG", {"constants": {"pose": 1}}),
     ],
 )
-def test_photographs_are_found_with_what_tells_their_pose(
+def test_photographs_are_found_with_what_shows_their_pose(
     tmp_path: Path, names: tuple[str, ...], path: str | None, mapping: dict[str, Any]
 ) -> None:
     for name in names:
@@ -431,7 +431,7 @@ def test_entries_of_loads_of_one_file_each_are_runs_of_their_own(tmp_path: Path)
     assert len(set(runs)) == len(runs) > 1, entries
 
 
-def test_known_points_beside_rays_are_no_survey_of_a_body(tmp_path: Path) -> None:
+def test_known_points_next_to_rays_are_no_survey_of_a_body(tmp_path: Path) -> None:
     rows = "".join(f"{k},{100 * k},{k * k},{7 * k % 5},0.01,0.01,0.01\n" for k in range(1, 9))
     heading = "point,x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm\n"
     (tmp_path / "known_points.csv").write_text(heading + rows)

@@ -54,7 +54,7 @@ def test_an_answer_joins_by_the_order_of_rows_where_steps_differ(tmp_path: Path)
     assert "# check: rows of loads" not in text
 
 
-def test_what_is_assumed_is_marked_as_a_guess(tmp_path: Path) -> None:
+def test_an_assumed_order_of_rows_is_marked_as_a_guess(tmp_path: Path) -> None:
     (tmp_path / "weights.csv").write_text(_text(COMPONENTS, LOADS))
     (tmp_path / "bridges.csv").write_text(_text(CHANNELS, SIGNALS))
     init(tmp_path)

@@ -24,7 +24,7 @@ def places(pose: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("head", ["Meas {}", "{} Meas", "Actual {}", "{} Ist"])
-def test_measured_coordinates_are_read_beside_nominal_ones(tmp_path: Path, head: str) -> None:
+def test_measured_coordinates_are_read_next_to_nominal_ones(tmp_path: Path, head: str) -> None:
     names = ["Name", *"XYZ", *(head.format(axis) for axis in "XYZ"), *(f"Dev {axis}" for axis in "XYZ")]
     for pose in range(3):
         rows = [
@@ -74,7 +74,7 @@ def test_two_encoders_without_a_command_are_compared_and_microseconds_are_second
     assert_close(numbers(found, "time_s", "command_deg", "measured_deg"), expected, atol=1e-9)
 
 
-def test_one_component_beside_bridges_is_a_load(tmp_path: Path) -> None:
+def test_one_component_next_to_bridges_is_a_load(tmp_path: Path) -> None:
     values = RNG.normal(size=(5, 6)).round(6)
     head = ["\t".join(["Kraft Fx", *(f"Kanal {k}" for k in range(1, 7))]), "\t".join(["N", *["mV/V"] * 6])]
     rows = ["\t".join([str(100.0 * k), *map(str, row)]).replace(".", ",") for k, row in enumerate(values)]
@@ -86,7 +86,7 @@ def test_one_component_beside_bridges_is_a_load(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "m"), (1.0, "mm")])
-def test_targets_beside_the_joints_of_a_described_robot_are_on_its_last_link(
+def test_targets_next_to_the_joints_of_a_described_robot_are_on_its_last_link(
     tmp_path: Path, factor: float, unit: str
 ) -> None:
     (tmp_path / "arm.urdf").write_text(URDF)

@@ -48,7 +48,7 @@ _TAKES_4_GB = """def run(tables, settings, progress):
 
 
 def timeless(text: str) -> str:
-    """What is said, without seconds, without the way of working, and without the lines of a long wait."""
+    """Messages without seconds, without the number of workers, and without the lines of a long wait."""
     return re.sub(r"\d+\.\d\d s$|^run: \d of \d campaigns\n|^\d campaigns: .*\n", "", text, flags=re.MULTILINE)
 
 

@@ -74,7 +74,7 @@ def test_without_a_browser_the_exit_code_is_4_with_the_cure(ran: FakeProject, pa
     assert not (ran.out / "report.pdf").exists()
 
 
-def test_the_pdf_is_beside_the_page_and_reported_in_json(ran: FakeProject, path: Path) -> None:
+def test_the_pdf_is_next_to_the_page_and_reported_in_json(ran: FakeProject, path: Path) -> None:
     _install(path, "chromium", _WRITES)
     done = ran.call("report", str(ran.out), "--pdf", "--json")
     files = [entry["file"] for entry in json.loads(done.stdout)["files"]]

@@ -74,7 +74,8 @@ def test_power_of_a_planned_campaign_reports_sizes_and_changes_no_file(planned: 
 
 
 def reported_at_once(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
-    """What a diagnosis would say that finds everything from the expected size on, and errs once where nothing is."""
+    """Answer of an ideal diagnosis: it finds every effect from the expected size on, and errs once without an
+    effect."""
     found = trial.factor >= 1.0 or (not trial.effects and trial.seed[-1] == 0)
     return Answer(trial.question, trial.factor, found, found, found, ())
 
@@ -113,7 +114,7 @@ def test_an_interrupted_call_shows_what_it_has(measured: Path, tmp_path: Path, m
 def test_theory_is_reported_first_and_each_round_narrows_the_sizes(
     measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Before any campaign is simulated the sizes by theory stand there; then each round replaces tables and page."""
+    """The sizes by theory come before any simulated campaign; then each round replaces tables and page."""
     out, counted = tmp_path / "power.parquet", list[int]()
 
     def watched(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:

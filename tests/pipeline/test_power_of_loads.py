@@ -79,7 +79,7 @@ def test_a_plan_is_answered_and_left_as_it_is(planned: Path, tmp_path: Path) -> 
     assert (reported["expected_80"] > 0).all()
 
 
-def test_loads_are_chosen_that_show_a_wanted_cause_beside_those_planned(planned: Path, tmp_path: Path) -> None:
+def test_loads_are_chosen_that_show_a_wanted_cause_next_to_those_planned(planned: Path, tmp_path: Path) -> None:
     out = tmp_path / "loads.csv"
     words = ["design", str(planned), "--causes", "creep", "--out", str(out)]
     done = CliRunner().invoke(app, words)

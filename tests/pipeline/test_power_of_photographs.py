@@ -38,7 +38,7 @@ def left_by_a_run(folder: Path) -> Path:
     return folder
 
 
-def test_without_a_run_it_says_which_causes_are_not_judged(photographed: CampaignFolder, tmp_path: Path) -> None:
+def test_without_a_run_it_says_which_causes_are_not_assessed(photographed: CampaignFolder, tmp_path: Path) -> None:
     reported = of_photographs(photographed, tmp_path / "none")
     assert reported is not None
     assert not reported.rows

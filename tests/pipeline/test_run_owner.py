@@ -30,7 +30,7 @@ def another(fake: FakeProject, folder: str, name: str = "bench") -> Path:
 
 
 def refused(fake: FakeProject, *words: str) -> str:
-    """What a refused call says; it changes nothing."""
+    """Message of a refused call, which changes nothing."""
     before = state(fake.out)
     done = fake.call(*words)
     assert done.returncode == 2, done.stdout + done.stderr

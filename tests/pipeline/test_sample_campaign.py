@@ -285,7 +285,7 @@ def predicted(run: CampaignRun, *options: str) -> Result:
     return CliRunner().invoke(app, ["predict", *words])
 
 
-def test_predict_says_where_the_platform_stands_in_every_pose(run_once: Any, tmp_path: Path) -> None:
+def test_predict_says_where_the_platform_is_in_every_pose(run_once: Any, tmp_path: Path) -> None:
     run = run_once[0]["telescope"]
     assert predicted(run, "--out", str(tmp_path / "poses.parquet")).exit_code == 0
     table = pq.read_table(tmp_path / "poses.parquet")

@@ -59,7 +59,7 @@ def test_relative_imports(tmp_path: Path) -> None:
     assert files_of(tmp_path, "truing.estimation.rigid", truing_estimation_rigid=text) == expected
 
 
-def test_data_files_beside_a_module_count(tmp_path: Path) -> None:
+def test_data_files_next_to_a_module_count(tmp_path: Path) -> None:
     place = tmp_path / "truing" / "estimation" / "templates"
     place.mkdir(parents=True)
     (place / "page.html").write_text("<p>")
@@ -78,7 +78,7 @@ def test_remembered_imports_do_not_outlive_a_change(tmp_path: Path) -> None:
 
 
 def _aged(root: Path) -> None:
-    """Let all files of a project be as old as those of one that nobody is writing."""
+    """Make all files of a project as old as finished ones."""
     for path in root.rglob("*"):
         os.utime(path, ns=(path.stat().st_atime_ns, path.stat().st_mtime_ns - 60_000_000_000))
 

@@ -57,7 +57,7 @@ def _listen() -> None:
 
 
 def _foreign(watch: _Watch, *allowed: Path) -> list[Path]:
-    """What was touched that lies in no allowed place."""
+    """Touched paths outside the allowed places."""
     allowed = (*allowed, Path("/proc/self"))  # counters of this process
     foreign = [path for path in watch.touched if not any(map(path.is_relative_to, allowed))]
     return [path for path in foreign if "__pycache__" not in path.parts and path != Path(os.devnull)]
@@ -87,7 +87,7 @@ def _called(*words: object) -> _Watch:
 
 
 def _left(places: Path) -> set[str]:
-    """What lies there besides three folders that nothing was left in."""
+    """Names in a place, except three folders that must be empty."""
     for name in ("here", "temporary", "home"):
         assert list((places / name).iterdir()) == []
     return {path.name for path in places.iterdir()} - {"here", "temporary", "home"}
@@ -136,8 +136,8 @@ def test_every_other_command_writes_where_it_says(places: Path, workplace: Path)
     assert not list(places.rglob("*.part"))
 
 
-def test_compiled_code_is_kept_beside_its_source_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not in the home of whoever runs what an administrator has installed."""
+def test_compiled_code_is_kept_next_to_its_source_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The user's home folder is not used for an installation by an administrator."""
     from truing.compiled_code import compiled
 
     def same(value: float) -> float:

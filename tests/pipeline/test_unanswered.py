@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from tests.changed_files import replace_text
 from tests.sentences import assert_says
 from truing.pipeline.campaign_check import CampaignCheck, check_campaign
 from truing.pipeline.campaign_folder import open_campaign
@@ -33,11 +34,8 @@ def started(folder: Path, **files: str) -> str:
 
 
 def answered(folder: Path, *changes: tuple[str, str]) -> CampaignCheck:
-    text = (folder / "campaign.toml").read_text(encoding="utf-8")
     for before, after in changes:
-        assert before in text
-        text = text.replace(before, after)
-    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+        replace_text(folder / "campaign.toml", before, after)
     return check_campaign(open_campaign(folder))
 
 
@@ -79,7 +77,7 @@ def test_guesses_are_marked_and_reported_until_the_remark_is_gone(
     assert not any("guess" in one for one in answered(tmp_path, (line, "")).attention)
 
 
-def test_noise_that_the_signals_of_an_interferometer_tell_themselves_is_not_asked_for(tmp_path: Path) -> None:
+def test_noise_that_the_signals_of_an_interferometer_show_themselves_is_not_asked_for(tmp_path: Path) -> None:
     assert "needed" not in started(tmp_path, log=PHASES).split("[", 1)[1]
     assert not any("standard deviation" in one for one in answered(tmp_path).attention)
 

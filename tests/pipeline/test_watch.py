@@ -118,7 +118,7 @@ def test_looks_are_kept_for_another_watch_of_the_same_requirement(tmp_path: Path
     assert _KeptLooks(tmp_path / "looks", {"x_mm": 2.0}).read() == ()
 
 
-def test_faults_leave_nothing_judged() -> None:
+def test_faults_leave_nothing_assessed() -> None:
     state = watched("arm", 2, NOW, _tables("met"), ("points.csv: row 3", "points.csv: row 4"))
     assert state.enough is Enough.NOT_JUDGED
     assert state.facts()["faults"] == ["points.csv: row 3", "points.csv: row 4"]

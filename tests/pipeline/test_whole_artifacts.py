@@ -102,7 +102,7 @@ def test_two_runs_exclude_each_other_and_the_second_names_the_first(fake: FakePr
 
 
 @posix_only
-def test_a_full_disk_ends_with_4_and_leaves_what_was_whole(ran: FakeProject) -> None:
+def test_a_full_disk_ends_with_4_and_keeps_finished_artifacts(ran: FakeProject) -> None:
     before = finished(ran)
     limited = (
         "import resource, signal, sys;"

@@ -73,13 +73,13 @@ def read_report(path: Path) -> Report:
 
 
 def _part(text: str, heading: str) -> str:
-    """What stands between a heading and the next one."""
+    """Text between a heading and the next one."""
     after = re.split(rf"\*\*\* {heading} \*\*\*", text)[1]
     return after.split("***")[0]
 
 
 def _rows(text: str, count: int) -> Iterator[list[float]]:
-    """Lines that hold so many numbers and nothing else."""
+    """Lines that hold the given number of numbers and nothing else."""
     for line in text.splitlines():
         words = line.split()
         if len(words) == count and all(_NUMBER.fullmatch(word) for word in words):

@@ -73,7 +73,7 @@ class Calibration:
 
     @property
     def base(self) -> tuple[float, float]:
-        """How far apart the cameras stand, in squares, with the standard deviation of the mean over the pairs."""
+        """Distance of the cameras, in squares, with the standard deviation of the mean over the pairs."""
         centre = self.adjustment.state.centre
         length = np.linalg.norm(centre[1::2] - centre[::2], axis=1)
         return float(length.mean()), float(length.std(ddof=1) / np.sqrt(len(length)))
@@ -109,7 +109,7 @@ def calibrated(
 
 
 class Facts:
-    """What the photographs say, each part worked out once."""
+    """Facts of the photographs, each computed once."""
 
     @cached_property
     def corners(self) -> dict[tuple[str, str], BoardCorners]:

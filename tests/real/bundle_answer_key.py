@@ -181,8 +181,7 @@ def answer_key(*, from_rays: bool = True) -> AnswerKey:
 
 
 def _interior(camera: dict[str, Any]) -> Array:
-    """What is known of the camera beforehand (1, 10): the focal length that is written on the lens, and what is held
-    fixed."""
+    """Prior values of the camera (1, 10): the focal length written on the lens, and the fixed parameters."""
     given = {"c": _LENS_MM / (camera["pixel_um"] * _MM), "C1": camera["C1"], "C2": camera["C2"]}
     return np.array([[given.get(name, 0.0) for name in PARAMETERS]])
 
@@ -234,7 +233,7 @@ class Item:
 
     @property
     def agrees(self) -> bool:
-        """Whether every number is the report's to its last digit."""
+        """Return True if every number agrees with the report to its last digit."""
         return self.largest <= 0.5 * self.step * (1 + 1e-6)
 
 
@@ -284,7 +283,7 @@ def _turn_between(key: AnswerKey) -> Array:
 
 
 def _last_digits(values: Array) -> Array:
-    """What one step of the last digit is of numbers that are printed with seven."""
+    """Step of the last of seven printed digits."""
     return 10.0 ** (np.floor(np.log10(np.abs(values))) - 6)
 
 

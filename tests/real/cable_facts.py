@@ -58,7 +58,8 @@ def facts(folder: Path) -> dict[str, Any]:
 
 
 def extremes(found: dict[str, Any]) -> dict[str, float]:
-    """How far ratios are from 1 at least and from the authors' at most, in sigmas; the farthest joint, mm."""
+    """Smallest deviation of ratios from 1 and largest from the authors' values, in sigmas; largest motion of a joint,
+    mm."""
     fits = [found[f"drives{poses}"] for poses in RUNS]
     moved = [abs(value) for poses in RUNS for value in found[f"joints{poses}"]["moved_mm"].values()]
     return {
@@ -69,7 +70,7 @@ def extremes(found: dict[str, Any]) -> dict[str, float]:
 
 
 def closure(run: Run) -> dict[str, float]:
-    """How the authors' poses close over measured changes of length and angle; lengths with and without pulleys."""
+    """Closure of the authors' poses over measured changes of length and angle; lengths with and without pulleys."""
     p, R = run.solved[:, :3], rotation(run.solved[:, 3:])
     straight = run.legs.replace(closure=PulleyCable(0.0))
     turned = swivelled(run.legs, run.frames, upper_joints(run.legs, p, R))[0]
@@ -135,7 +136,7 @@ def supposed(problem: CableProblem) -> NDArray:
 
 
 def knowledge(run: Run, of: dict[str, Any]) -> tuple[Observability, Observability]:
-    """What is seen of all values, at the noise that was found, and of the set to identify, drives first."""
+    """Observability of all values at the found noise, and of the set to identify, drives first."""
     problem = CableProblem(run, run.raw, geometry())
     scale, units = supposed(problem), problem.units
     at = fit(problem, np.ones(len(scale), bool), of["values"], scale)

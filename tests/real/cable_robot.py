@@ -139,7 +139,7 @@ class CableProblem:
 
     @property
     def units(self) -> NDArray:
-        """What one unit of the tables is in SI: 1, degrees, mm."""
+        """SI value of one unit of the tables: 1, degrees, mm."""
         return np.concatenate([np.ones(CABLES), np.full(CABLES + 1, np.radians(1.0)), self.geometry.units])
 
     @property
@@ -229,6 +229,6 @@ def filled(values: NDArray, free: NDArray, some: NDArray) -> NDArray:
 
 
 def geometry() -> ParameterSet:
-    """Length at homing of every cable, where its pulley stands and where it holds the platform."""
+    """Length at homing of every cable, place of its pulley and of its joint on the platform."""
     names = ("l", "a_x", "a_y", "a_z", "b_x", "b_y", "b_z")
     return ParameterSet(tuple(LegParameter(name, cable, "mm", 1e-3) for name in names for cable in range(CABLES)))

@@ -38,7 +38,7 @@ NAMES = tuple(sorted(path.parent.name for path in HERE.glob("*/campaign.toml")))
 
 
 def data_folder() -> Path:
-    """Where the real measurements lie: TRUING_REAL_DATA, by default next to the project."""
+    """Folder of the real measurements: TRUING_REAL_DATA, by default next to the project."""
     return Path(os.environ.get("TRUING_REAL_DATA", PROJECT.parent / "shared" / "data")).resolve()
 
 

@@ -20,8 +20,8 @@ _EDGE = 25  # poses at either end that tell where a target began and ended
 
 
 def diagnosed(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
-    """What was found or suspected, in order, with errors before and after, what was left over, and what of the final
-    model does not hold."""
+    """Causes found or suspected, in order, with errors before and after; unexplained rest; violated assumptions of the
+    final model."""
     rows = tables["diagnosis"]
     found = rows[rows["verdict"].isin(["found", "suspected"])]
     is_remainder = found["reason_code"] == "remainder"
@@ -67,14 +67,14 @@ def length(value: dict[str, Any], names: tuple[str, ...]) -> float:
 
 
 def seen_in_between(row: dict[str, Any], observations: pd.DataFrame) -> bool:
-    """Whether first and last poses see a row's step: in their medians one at the very ends is all or nothing."""
+    """Return True if a step is visible between first and last poses: their medians do not show one at the very ends."""
     poses = sorted(observations["pose"].unique())
     first = poses.index(row["value"]["from_pose"]) if "from_pose" in row["value"] else _EDGE
     return _EDGE // 2 <= first < len(poses) - _EDGE // 2
 
 
 def walked(observations: pd.DataFrame) -> dict[str, float]:
-    """How far the middle of each body's targets went between the first and the last poses, mm."""
+    """Distance between the mean target of each body in the first and in the last poses, mm."""
     found = {}
     for body, rows in observations.groupby("body"):
         wide = rows.pivot(index="pose", columns="target", values=_MM).sort_index()
@@ -86,8 +86,8 @@ def walked(observations: pd.DataFrame) -> dict[str, float]:
 
 
 def up_and_down(tables: dict[str, pd.DataFrame], drive: str) -> dict[str, float]:
-    """How far targets are, at the same value of a drive on the way up and on the way down, mm: rms and largest; the
-    same with the motion as a whole taken out."""
+    """Rms and largest distance of targets between the way up and the way down at equal values of a drive, mm; the same
+    after a rigid fit."""
     rows = tables["observations"].merge(tables["configurations"], on="pose")
     turn = int(rows.loc[rows[drive].idxmax(), "pose"])
     wide = [

@@ -144,7 +144,7 @@ _SHIFT = ("shift_x", "shift_y", "shift_z")
 
 
 def still_bodies(tables: Tables) -> dict[str, Any]:
-    """How far bodies walked that should stand still: as the diagnosis has it, and between first and last readings."""
+    """Motion of bodies that should stand still: by the diagnosis, and between first and last readings."""
     found = diagnosed(tables)
     moves = [
         row for row in found["found"] if "shift_x" in row["value"] and seen_in_between(row, tables["observations"])
@@ -170,7 +170,7 @@ def sagging(tables: Tables) -> dict[str, Any]:
 
 
 def moved_codes(tables: Tables) -> dict[str, Any]:
-    """How far the diagnosis has codes elsewhere, mm, by code and pose."""
+    """Displacements of codes by the diagnosis, mm, by code and pose."""
     rows = [row for row in diagnosed(tables)["found"] if row["cause"] == "target-moved"]
     return {
         row["subject"].removeprefix("target "): (row["value"]["from_pose"], length(row["value"], ("dx", "dy", "dz")))

@@ -81,7 +81,7 @@ def _signals(tables: Tables) -> tuple[NDArray, NDArray]:
 
 
 def residuals(tables: Tables) -> dict[str, Any]:
-    """What the linear calibration with a zero leaves of the rows as they were written down: by load, and along y."""
+    """Residuals of the linear calibration with a zero, of the rows as recorded: by load, and along y."""
     signals, loads = _signals(tables)
     fit = fit_calibration(load_table(signals, loads), CalibrationModel(zero="common"))
     return {"rms": np.sqrt(np.mean(fit.residuals**2, 0)).tolist(), "fy": fit.residuals[:, 1].tolist()}
@@ -100,7 +100,7 @@ def optical(tables: Tables) -> dict[str, Any]:
 
 
 def _random_rows(signals: NDArray, loads: NDArray, model: CalibrationModel) -> list[float]:
-    """Errors of a fifth of the rows, drawn at random, by a fit to the others: as the authors judged theirs."""
+    """Errors of a fifth of the rows, drawn at random, by a fit to the others, as the authors tested theirs."""
     part = np.random.default_rng(20).permutation(len(loads)) % 5
     miss = np.empty_like(loads)
     for fifth in range(5):

@@ -133,7 +133,7 @@ def slit(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def slit_report(folder: Path) -> dict[str, Any]:
-    """What the laboratory's report prints: lines of the axis by name, and tables by their first column's head."""
+    """Printed report of the laboratory: lines of the axis by name, and tables by the head of their first column."""
     text = (folder / "ess-slit-iso230" / "example_report_ISO230_2.md").read_text(encoding="utf-8")
     lines = {name: float(value) for name, value in re.findall(r"^(\w+) = (-?[\d.e-]+) \[mm\]", text, re.MULTILINE)}
     tables: dict[str, NDArray[np.float64]] = {}

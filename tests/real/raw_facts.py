@@ -10,7 +10,7 @@ from truing.estimation.interferometry.quadrature import fit_ellipse
 
 
 def raw_facts(data: Path) -> dict[str, Any]:
-    """What the page says of them, from the folder of real measurements."""
+    """Facts of the page from the folder of real measurements."""
     report = interferometer_logs.slit_report(data)["lines"]
     target, deviation = interferometer_logs.slit(data)
     own = deviation.mean(2)

@@ -66,7 +66,7 @@ def _put_right(loads: NDArray, exchanges: list[RowExchange]) -> NDArray:
 
 
 def _left(table: LoadTable) -> NDArray:
-    """What the calibration leaves of the components (N, W) that were applied at all; zero of the others."""
+    """Residuals of the calibration for the applied components (N, W); zero for the others."""
     applied = np.ptp(table.loads, axis=0) > 0
     part = load_table(table.signals, table.loads[:, applied], table.case)
     rest = np.zeros_like(table.loads)
@@ -139,7 +139,7 @@ def _lbcb(data: Path) -> tuple[NDArray, NDArray]:
 
 
 def pier(data: Path) -> dict[str, Any]:
-    """What the log of the pier says, inch and kip."""
+    """Facts of the log of the pier, inch and kip."""
     return pier_of(*_lbcb(data))
 
 

@@ -48,7 +48,7 @@ MISSED = {
 
 
 def rejected() -> list[dict]:
-    """What usually is rejected."""
+    """Rows of causes that are usually rejected."""
     causes = ("stiffness-scale", "hysteresis", "creep", "zero-drift", "thermal-drift", "cosine-error", "crosstalk")
     return [row(cause, "rejected", unit="um", relation="loads-readings") for cause in causes]
 

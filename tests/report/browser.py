@@ -88,7 +88,7 @@ class Browser:
         self._log.close()
 
     def ask(self, method: str, session: str = "", **parameters: Any) -> dict[str, Any]:
-        """Send one command and wait for its answer; what the browser tells meanwhile is kept in ``events``."""
+        """Send one command and wait for its answer; other messages of the browser are kept in ``events``."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         if session:
@@ -145,19 +145,19 @@ class Page:
         return self._browser.ask(method, self._session, **parameters)
 
     def resize(self, width: int, height: int) -> None:
-        """Give the page a view of so many px, as a screen of that size has it."""
+        """Give the page a view of the given size in px."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
         self.ask("Emulation.setDeviceMetricsOverride", **size)
 
     def value(self, expression: str) -> Any:
-        """What an expression of JavaScript comes to, promises awaited."""
+        """Value of an expression of JavaScript, promises awaited."""
         reported = self.ask("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in reported:
             raise BrowserError(f"{expression[:80]}: {reported['exceptionDetails']}")
         return reported["result"].get("value")
 
     def becomes(self, expression: str) -> bool:
-        """Whether an expression comes true soon, also on the page to which the one in view is just leading."""
+        """Return True if an expression becomes true soon, also on a page that is still loading."""
         until = time.monotonic() + _PATIENCE_S
         while True:
             try:

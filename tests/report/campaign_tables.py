@@ -40,7 +40,7 @@ def campaign_tables(
 
 
 def _life(body, name) -> dict[str, pd.DataFrame]:
-    """What happened during the campaign: a target glued on again, names that changed, repeats, an exclusion."""
+    """Events of the campaign: a target mounted anew, changed names, repeats, an exclusion."""
     of = {"body": body, "target": f"{name}1"}
     shift = {f"{kind}_{a}_mm": value for a in "xyz" for kind, value in (("shift", 0.4), ("sigma", 0.007))}
     survey = {"later_survey": name, **of, **shift, "p_value": 0.0, "relocated": True, "holds_as": f"{name}1@{name}"}

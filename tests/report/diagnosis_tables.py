@@ -79,7 +79,7 @@ def rows(*several: dict[str, Any]) -> pd.DataFrame:
 
 
 def rejected() -> list[dict[str, Any]]:
-    """What usually is rejected: many causes, one per line of the table."""
+    """Rows of causes that are usually rejected, one per cause."""
     evidence = {"leg-drift": 210.0, "thermal-expansion": -4.1, "leg-thermal": -5.0, "actuator-backlash": 13.0}
     evidence |= {"actuator-periodic-error": -8.0, "measurement-scale": -6.6, "base-deformation": 2.0}
     evidence |= {"flexure-shift": -1.2, "target-moved": -11.0, "targets-swapped": -14.0, "unexplained": 640.0}
@@ -107,7 +107,7 @@ def diagnosis_tables(diagnosis: pd.DataFrame | None = None, poses: int = 46, hel
 
 @cache
 def _beside(poses: int) -> dict[str, pd.DataFrame]:
-    """What other stages left."""
+    """Tables of other stages."""
     return {**campaign_tables(poses), **calibration_tables(models=("6-pus", "beam"))}
 
 

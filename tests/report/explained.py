@@ -9,12 +9,12 @@ _MOST_WORDS = 25
 
 
 def one_sentence(words: str) -> bool:
-    """Whether the words are one sentence or question of at most 25 words."""
+    """Return True if the words are one sentence or question of at most 25 words."""
     return bool(re.fullmatch(r"\S(?:(?![.?] [A-Z]).)*[.?]", words)) and len(words.split()) <= _MOST_WORDS
 
 
 def unexplained(page: str) -> list[str]:
-    """What has no link to a row of the page with one sentence: heads, and names of checks and causes."""
+    """Heads, and names of checks and causes, without a link to an explanation of one sentence."""
     ids = re.findall(r'<[^<>]* id="([^"]+)"', page)
     missing = [f"two elements are {one}" for one in set(ids) if ids.count(one) > 1]
     missing += [f"{head} has no link" for head in re.findall(r'<th scope="col">((?!<a class="defined").*?)</th>', page)]

@@ -60,7 +60,7 @@ def _tables() -> dict[str, pd.DataFrame]:
     return tables | chain_positions(tables)
 
 
-def test_the_arm_stands_where_its_joints_are_read() -> None:
+def test_the_arm_is_where_its_joints_are_read() -> None:
     tables = _tables()
     nodes = tables["chain_nodes"].set_index("link")
     assert_close(nodes.loc["lower", ["x_mm", "y_mm", "z_mm"]].to_numpy(float), np.array([0.0, 300.0, 0.0]), atol=1e-9)
@@ -115,7 +115,7 @@ def test_a_chain_that_was_not_diagnosed_is_drawn_and_other_machines_have_no_sect
         ("fails", ReasonCode.BEYOND_NOISE, False),
     ],
 )
-def test_clear_corrections_of_a_model_that_fits_stand_on_the_first_screen(
+def test_clear_corrections_of_a_model_that_fits_are_on_the_first_screen(
     state: str, reason: ReasonCode, said: bool
 ) -> None:
     tables = _tables()

@@ -9,7 +9,7 @@ from truing.report.wordings.chain_wordings import CHAIN
 from truing.report.wordings.claim import Claim, ParameterSize
 
 
-def test_a_compliance_names_links_whose_centres_of_mass_are_fitted_beside_it() -> None:
+def test_a_compliance_names_links_whose_centres_of_mass_are_fitted_next_to_it() -> None:
     parts = ["upper arm x", "upper arm z", "tip z"]
     clause = CHAIN["joint-compliance"].clause
     fitted = clause(Claim(cause="joint-compliance", subject="joint j2", settings={"parts": parts, "free": True}))
@@ -35,7 +35,7 @@ def test_a_negative_backlash_is_no_backlash_but_one_that_is_compensated_too_much
 
 @pytest.mark.parametrize(("cause", "subject"), [("base-drift", ""), ("base-jump", ""), ("tool-jump", "link tool0")])
 def test_a_displacement_has_the_length_of_its_shift(cause: str, subject: str) -> None:
-    """What it changes of measured values is less, because the place of the base is free."""
+    """Measured values change by less than the shift, because the place of the base is free."""
     shift = (("dx", 0.06, 0.003, "mm"), ("dy", 0.08, 0.003, "mm"), ("dz", 0.0, 0.003, "mm"))
     still = tuple((f"turn_{axis}", 1e-6, 4e-6, "rad") for axis in "xyz")
     turned = (*still[:2], ("turn_z", 1e-4, 4e-6, "rad"))

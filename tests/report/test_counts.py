@@ -32,7 +32,7 @@ def plurals_of_one(said: str) -> list[str]:
 
 
 @pytest.mark.parametrize("sample", ["telescope", "force-sensor"])
-def test_lines_of_the_samples_tell_one_of_a_thing_in_the_singular(sample):
+def test_counts_of_one_in_lines_of_the_samples_are_in_the_singular(sample):
     tables, said = run_line(PROJECT / "sample_data" / sample, "ingest", "qa", "pose", "deformation")
     lines = [text for one in said.values() for text in (one.read, one.left_out, one.figure)]
     lines += tables["qa"].column("message").to_pylist()
@@ -40,7 +40,7 @@ def test_lines_of_the_samples_tell_one_of_a_thing_in_the_singular(sample):
     assert not [line for line in map(str, lines) if plurals_of_one(line)]
 
 
-def test_lines_of_a_campaign_of_one_pose_tell_it_in_the_singular(tmp_path):
+def test_lines_of_a_campaign_of_one_pose_are_in_the_singular(tmp_path):
     numbers = np.random.default_rng(3)
     layout = Layout(name="u", targets=Targets(per_leg=0))
     made = write_campaign(draw_campaign(layout, random_moves(1, 0, numbers), [], numbers), tmp_path / "c", 3)

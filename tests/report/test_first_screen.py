@@ -99,7 +99,7 @@ def test_links_lead_to_sections_of_the_page() -> None:
 
 
 def placed(body: str) -> dict[str, pd.DataFrame]:
-    """Three targets of the base and two of a body that stands 100 mm above it, with three legs."""
+    """Three targets of the base and two of a body 100 mm above it, with three legs."""
     places = [("base", "B1", 0, 0, 0), ("base", "B2", 50, 0, 0), ("base", "B3", 0, 50, 0)]
     places += [(body, "P1", 10, 0, 0), (body, "P2", 0, 10, 0)]
     motion = {"pose": 1, "body": body, "parent": "base", "px_mm": 0.0, "py_mm": 0.0, "pz_mm": 100.0}
@@ -165,7 +165,7 @@ def test_the_drawing_marks_what_failed_checks_name() -> None:
     assert "failing" not in machine_drawing({**tables, **accepted})
 
 
-def test_without_poses_bodies_stand_as_designed_or_side_by_side() -> None:
+def test_without_poses_bodies_are_as_designed_or_side_by_side() -> None:
     tables = {name: table for name, table in placed("platform").items() if name != "motions"}
     assert machine_drawing(tables) == machine_drawing(placed("platform"))
     alone = machine_drawing({"shape": tables["shape"]})
@@ -194,7 +194,7 @@ def test_numbers_and_letters_in_the_drawing_do_not_cover_each_other() -> None:
             assert abs(float(x) - float(u)) > wide or abs(float(y) - float(v)) > 8.0, (words, others)
 
 
-def test_a_letter_stands_beside_lines_where_there_is_space() -> None:
+def test_a_letter_is_next_to_lines_where_there_is_space() -> None:
     """A line leads to the right of the point, on the side away from its middle: the letter goes elsewhere."""
     drawn = np.stack([np.linspace(100.0, 200.0, 200), np.full(200, 100.0)], axis=1)
     text = ("z base", np.array([100.0, 100.0]), np.array([50.0, 100.0]))
@@ -267,7 +267,7 @@ def test_a_bench_is_not_asked_for_a_requirement_that_does_not_apply_to_it() -> N
     assert verdict_rows(with_verdict(tables))["requirements"].explanation in section.lead
 
 
-def test_settings_software_files_and_persons_stand_in_the_provenance() -> None:
+def test_settings_software_files_and_persons_are_in_the_provenance() -> None:
     declared, software, persons = (("noise.point_mm", "0.005"),), (("numpy", "2.4"),), (("A. Berg", "operator"),)
     day = "2026-11-21 09:30"
     files = (RawFileFacts("points.csv", 12345, 1201, "ab" * 32, day), RawFileFacts("a.jpg", 7, None, "cd" * 32))
@@ -280,7 +280,7 @@ def test_settings_software_files_and_persons_stand_in_the_provenance() -> None:
     assert shown == [declared, software, took, rows, persons]
 
 
-def test_comments_stand_in_their_section_and_are_escaped() -> None:
+def test_comments_are_in_their_section_and_are_escaped() -> None:
     sections = list(sections_of(campaign_tables(poses=3)).values())
     given = (("qa", f"Seen by B. {ATTACKS[0]}"), ("next", "Ordered."))
     reported = with_comments(sections, given)
@@ -296,7 +296,7 @@ def test_a_comment_on_a_section_that_the_run_lacks_is_not_lost() -> None:
     assert [text for section in reported for text in section.comments] == ["chain: No arm here."]
 
 
-def test_a_comment_on_a_folded_section_or_its_part_stands_outside_the_fold() -> None:
+def test_a_comment_on_a_folded_section_or_its_part_is_outside_the_fold() -> None:
     """Paper shows no folded section, and a reader does not open each one to look for a person's words."""
     part = ReportSection("inner", "Inner part", "Lead.", depth=Depth.APPENDIX)
     folded = ReportSection("outer", "Outer", "Lead.", parts=(part,), depth=Depth.APPENDIX)
@@ -310,7 +310,7 @@ def test_a_comment_on_a_folded_section_or_its_part_stands_outside_the_fold() -> 
     assert "<b>Inner part</b>" in page
 
 
-def test_a_comment_on_the_verdict_stands_on_the_first_screen() -> None:
+def test_a_comment_on_the_verdict_is_on_the_first_screen() -> None:
     tables = campaign_tables(poses=3)
     about = replace(ABOUT, comments=(("verdict", "Accepted <by> M. K."),))
     head = replace(build_head("c", tables, about), about=about)
@@ -352,7 +352,7 @@ def test_a_page_of_positions_alone_says_axis_counts_and_no_number_twice() -> Non
 
 
 def test_the_duration_is_that_of_one_clock() -> None:
-    """Times that begin from zero again in each run or file tell nothing of the whole."""
+    """Times that begin from zero again in each run or file do not give the duration of the whole."""
     tables = bench_tables(signals=0)
     readings = tables["readings"]
     whole = campaign_span(tables)

@@ -35,7 +35,7 @@ def axes(of: pd.DataFrame, frame: str) -> np.ndarray:
     return of.loc[of["frame"] == frame, ALONG].to_numpy()
 
 
-def test_every_frame_is_right_handed_and_stands_where_its_body_does():
+def test_every_frame_is_right_handed_and_at_its_body():
     found = table()
     for frame in ("base", "platform", *(f"leg {k}" for k in range(1, 7))):
         own = axes(found, frame)

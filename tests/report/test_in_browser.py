@@ -65,7 +65,7 @@ def rows_of(page: Page, button: str, folder) -> list[list[str]]:
 
 
 def test_text_is_shown_before_figures_are_drawn(page, hostile, opened):
-    """Where other work keeps the processor from the browser, one opening of several shows how soon the words come."""
+    """Other load delays the browser, so the earliest of several openings counts."""
     assert len(page.value(SHOWN)) < page.value("document.querySelectorAll('.plot').length")
     latest = _first_paint_ms(page)
     for _ in range(_OPENINGS):
@@ -116,7 +116,7 @@ VIEW = "document.getElementById('figure-deformation-0')"
 
 
 def shows(page: Page, traces) -> bool:
-    """Whether the view draws these traces, to the digits that a page holds; what interrupts a line is no point."""
+    """Return True if the view draws these traces to the digits of the page; gaps in lines do not count as points."""
     held = page.value(f"{VIEW}._fullData.map((trace) => ({{x: [...trace.x], y: [...trace.y], z: [...trace.z]}}))")
     return all(
         len(one) == len(other) and np.allclose(one, other, atol=0.01)

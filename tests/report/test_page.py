@@ -130,7 +130,7 @@ def test_only_the_scripts_of_the_page_may_run(page):
     assert "'unsafe-inline'" not in said.split("script-src")[1].split(";")[0]
 
 
-def test_what_scripts_read_cannot_end_their_element_nor_begin_a_comment():
+def test_embedded_data_cannot_end_the_script_element_nor_begin_a_comment():
     hostile = "</script><!-- <script> & \u2028\u2029 \" '"
     text = embedded({"name": [hostile]})
     assert not set("<>&\u2028\u2029") & set(text)
@@ -186,7 +186,7 @@ def test_verdicts_are_reported_in_words_not_by_colour_alone():
     assert '<span aria-hidden="true">–</span> not tested</b>' in render(tables)
 
 
-def test_every_section_that_judges_has_a_state_and_no_cell_is_blank(page, whole):
+def test_every_section_that_assesses_has_a_state_and_no_cell_is_blank(page, whole):
     judged = {section.id: section.state for section in whole.values()}
     assert judged["qa"] == "fail"
     assert judged["diagnosis"] == judged["deformation"] == "found"  # a result is neither passed nor failed
@@ -311,7 +311,7 @@ def test_the_head_is_short_and_shows_what_to_do(page):
     assert all(len(sentence) < 320 for _, sentence in verdicts)
 
 
-def test_decisions_of_persons_stand_on_the_page(page, whole):
+def test_decisions_of_persons_are_on_the_page(page, whole):
     text = Reader(page).text
     for words in ("A. Kern: mirror image in the window", "B. Roth: checked by hand", "A. Kern: the floor was cut"):
         assert words in text
@@ -320,7 +320,7 @@ def test_decisions_of_persons_stand_on_the_page(page, whole):
     assert [row[1] for row in failed.rows] == ["completeness"]  # the accepted one gates no more
 
 
-def test_every_exclusion_stands_on_the_page(page):
+def test_every_exclusion_is_on_the_page(page):
     text = Reader(page).text
     for words in ("target is not like P", "0.300 mm off", "gross error: 40 sigma", "attachment: not part of the frame"):
         assert words in text

@@ -34,7 +34,7 @@ def of_a_platform() -> dict[str, pd.DataFrame]:
     return {"shape": shape, "residuals": residuals, "motions": motions, "calibration": fitted}
 
 
-def test_legs_stand_in_the_frame_of_the_platform():
+def test_legs_are_in_the_frame_of_the_platform():
     tables = of_a_platform()
     own = tables["residuals"][tables["residuals"]["body"] == "platform"]
     scene = pose_scene(tables, own, "platform")

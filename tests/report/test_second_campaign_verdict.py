@@ -1,4 +1,4 @@
-"""A model that predicts a second campaign worse than the nominal one fails, whatever it gains at home."""
+"""A model that predicts a second campaign worse than the nominal one fails, whatever its gain in the first."""
 
 from __future__ import annotations
 

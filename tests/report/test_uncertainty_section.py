@@ -38,7 +38,7 @@ def test_the_sentence_is_that_of_the_guide() -> None:
     assert_says(statement(_tables((11.0, None))["uncertainty"]), "k next to it", "t-distribution")
 
 
-def test_results_budgets_and_what_is_in_none_stand_side_by_side() -> None:
+def test_results_budgets_and_what_is_in_none_are_side_by_side() -> None:
     section = uncertainty(_tables())
     poses, cause = section.parts
     budget, results, omitted = poses.listings

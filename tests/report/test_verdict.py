@@ -182,7 +182,7 @@ def test_a_cause_found_is_a_result_with_a_mark_of_its_own():
     assert '<span class="state found"><span aria-hidden="true">◆</span> found</span>' in page
 
 
-def test_a_picture_that_is_incomplete_leads_what_was_found_in_it():
+def test_an_incomplete_picture_leads_before_its_findings():
     tables = of({**FOUND, "rms_after": 13.0}, *rejected())
     whole = campaign(tables)
     assert (whole.state, whole.reason_code) == (RelationState.ATTENTION, ReasonCode.BEYOND_NOISE)
@@ -278,7 +278,7 @@ def test_data_that_do_not_belong_together_lead_everything_and_gate():
 
 
 def test_a_warning_on_consistency_is_reported_once():
-    """It belongs to the verdict on consistency; the one on quality tells its own warnings."""
+    """It belongs to the verdict on consistency; the verdict on quality reports its own warnings."""
     apart, noisy = ("points-against-survey", "warn"), ("noise", "warn")
     for reported, tells in (((apart,), False), ((apart, noisy), True)):
         verdict = quality_verdict({"qa": checks(*reported)}, {})

@@ -77,7 +77,7 @@ def table_of(model: ExtendedAxis, commands_mm: NDArray, caution: str = "") -> pd
 
 
 def stands_at_mm(command_mm: NDArray, approach: float) -> NDArray:
-    """Where the axis stands, by the catalogue's words: behind by the backlash, and (1 + scale) times as far."""
+    """Position of the axis as the catalogue defines it: behind by the backlash, and (1 + scale) times as far."""
     return command_mm - approach * 1e3 * LOST + SCALE * command_mm
 
 

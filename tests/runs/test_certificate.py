@@ -69,7 +69,7 @@ def _call(*words: object) -> Any:
     return CliRunner().invoke(app, ["export", *map(str, words)])
 
 
-def test_every_stated_result_stands_in_si_units_and_rounded(run: truing.Run) -> None:
+def test_every_stated_result_is_in_si_units_and_rounded(run: truing.Run) -> None:
     tree, stated = _read(run), run["uncertainty"]
     stated = stated[stated["stated"]]
     values = [v for one in tree.iterfind(".//si:valueXMLList", _NAMES) for v in (one.text or "").split()]
@@ -89,7 +89,7 @@ def test_every_stated_result_stands_in_si_units_and_rounded(run: truing.Run) -> 
         assert all(float(k) >= 1.0 for k in (factor.text or "").split())
 
 
-def test_certificate_data_stand_in_the_elements_of_the_schema(run: truing.Run) -> None:
+def test_certificate_data_are_in_the_elements_of_the_schema(run: truing.Run) -> None:
     tree = _read(run)
     core = tree.find("dcc:administrativeData/dcc:coreData", _NAMES)
     assert core is not None

@@ -55,7 +55,7 @@ def model_of(values: NDArray, *effects: Effect[ChainCause]) -> ExtendedChain:
 
 
 def measured(rng: np.random.Generator, truth: NDArray) -> ExtendedChain:
-    """What one campaign identifies of the true numbers (18,), by its readings and the tolerances."""
+    """Estimate of the true numbers (18,) by one campaign, from its readings and the tolerances."""
     readings = MEASURED @ truth + rng.normal(size=len(MEASURED))
     return model_of(COVARIANCE @ MEASURED.T @ readings)
 
@@ -87,7 +87,7 @@ def test_a_zero_that_slipped_within_its_tolerance_is_named_alone_with_its_size()
 
 
 def test_a_joint_offset_beyond_its_tolerance_counts_with_the_zero_of_the_joint() -> None:
-    """Where one run finds the zero far off and the other did not: the joint was taken apart."""
+    """If only one run finds a zero far off, the joint was taken apart in between."""
     truth = np.zeros(len(PRIOR))
     far = model_of(truth, Effect(JointOffset(joint="b"), np.array([0.02])))
     rows = chain_step(measured(np.random.default_rng(4), truth), far, table(), table()).rows
@@ -126,7 +126,7 @@ def free_table() -> pd.DataFrame:
 def free_measured(
     rng: np.random.Generator, errors: NDArray, gain: float | None = None, load: float = 1.0
 ) -> ExtendedChain:
-    """What one campaign without tolerances identifies of true errors (Q,) of the links, and of the gain of a joint."""
+    """Estimate of true errors (Q,) of the links and of a joint's gain by one campaign without tolerances."""
     away = SPREAD @ SEEN.T @ (SEEN @ errors + rng.normal(size=len(SEEN)))
     model = model_of(np.zeros(18))
     effects = []

@@ -22,7 +22,7 @@ def _cut(name: str) -> Callable[[Path], object]:
 
 
 def _telling(**stated: str) -> Callable[[Path], object]:
-    """Quality checks that tell other things of their origin; an empty word takes one away."""
+    """Quality checks with other metadata on their origin; an empty word removes one."""
 
     def change(run: Path) -> None:
         table = pq.read_table(run / "qa.parquet")

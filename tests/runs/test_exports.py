@@ -137,7 +137,7 @@ def test_exports_for_controllers_mark_unphysical_parameters(run: truing.Run) -> 
     assert reasons_for_caution({"pulls": pulls.assign(pull_after=1.9, identifiable=True)}) == {}
 
 
-def test_cautions_stand_beside_their_numbers(run: truing.Run) -> None:
+def test_cautions_are_next_to_their_numbers(run: truing.Run) -> None:
     files = dict(controller(run))
     expected = reasons_for_caution(run)
     reported = tomllib.loads(files["controller.toml"].decode()).get("caution", [])

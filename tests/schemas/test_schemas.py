@@ -42,7 +42,7 @@ def test_an_empty_table_of_every_artifact_keeps_its_schema(artifact):
 
 
 @pytest.mark.parametrize("beside", [[], [None], [float("nan")], [0.0, 2.0]], ids=["alone", "null", "nan", "good"])
-def test_a_value_below_its_bound_is_found_beside_any_others(beside):
+def test_a_value_below_its_bound_is_found_next_to_any_others(beside):
     for parts in ([[*beside, -1.5]], [[-1.5], beside], [beside, [], [-1.5, 1.0]]):
         values = pa.chunked_array(parts, pa.float64())
         faults = list(ARTIFACTS["observations"].column_faults("sigma_x_mm", values))

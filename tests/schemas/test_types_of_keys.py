@@ -65,7 +65,7 @@ KEYS = [one for one in _all_keys() if one[1] not in {("format",), ("mechanism", 
 
 
 def _faults(kind: str, place: Place, value: Any) -> list[str]:
-    """What is said of a campaign that holds this value at this place, and else next to nothing."""
+    """Faults of an otherwise almost empty campaign with this value at this place."""
     for part in reversed(place):
         value = [value] if part == 0 else {part: value}
     document = {**value}
@@ -83,7 +83,7 @@ def _dotted(place: Place) -> str:
 
 
 def _passed(kind: str, place: Place, values: list[Any]) -> list[Any]:
-    """The values that no fault at this key, at one of its entries or at the table that it is in tells of."""
+    """Values without a fault at this key, one of its entries, or the table that contains it."""
     dotted = _dotted(place)
     above = {_dotted(place[:-1])} if place[-1] == 0 or place[-1] == "x_mm" else set()
     return [v for v in values if not any(f == dotted or f.startswith(f"{dotted}.") or f in above
@@ -154,7 +154,7 @@ def test_every_key_is_of_a_kind_that_is_tried_here() -> None:
         ({"exclude": [{"pose": "P\n7", "by": "me", "reason": "x"}]}, "exclude.1.pose: found 'P\\n7'; expected text"),
     ],
 )
-def test_the_fault_says_what_stands_there_as_toml_writes_it(section: dict[str, Any], expected: str) -> None:
+def test_the_fault_says_what_is_there_as_toml_writes_it(section: dict[str, Any], expected: str) -> None:
     with pytest.raises(CampaignFaults) as caught:
         read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, **section})
     assert any(expected in str(fault) for fault in caught.value.faults), [str(f) for f in caught.value.faults]

@@ -78,7 +78,7 @@ def rigid_pose(machine: Hexapod, reading: Array) -> tuple[Array, Array]:
 
 
 class Elastic:
-    """The springs of the hexapod's legs, unstrained where it stands at its ``reading``."""
+    """The springs of the hexapod's legs, unstrained at its ``reading``."""
 
     def __init__(self, machine: Hexapod) -> None:
         self.machine = machine

@@ -22,7 +22,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Seen:
-    """What was measured in N poses: p (N, 3), R (N, 3, 3) as they truly were, true readings (N, L), and the roles."""
+    """Measurement in N poses: true p (N, 3) and R (N, 3, 3), true readings (N, L), and roles."""
 
     p: Array
     R: Array

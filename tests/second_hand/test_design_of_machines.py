@@ -146,7 +146,7 @@ def _solutions(machine: Hexapod, reading: np.ndarray, box: np.ndarray, starts: i
     return np.unique(at.round(7), axis=0)
 
 
-def test_where_one_pose_is_proven_a_dense_search_finds_no_second(tmp_path: Path) -> None:
+def test_a_dense_search_finds_no_second_pose_if_uniqueness_is_proven(tmp_path: Path) -> None:
     machine = design()
     said = call("design", _folder(tmp_path / "m", machine, LIMITS), "--uniqueness", "--out", tmp_path / "f.csv")
     assert_says(said, "Proven", "rigid legs (ups)", "two different poses", "never")
@@ -162,7 +162,7 @@ def test_where_one_pose_is_proven_a_dense_search_finds_no_second(tmp_path: Path)
         np.testing.assert_allclose(found[0], shift, atol=1e-6)
 
 
-def test_where_a_search_finds_two_poses_nothing_is_proven(tmp_path: Path) -> None:
+def test_uniqueness_is_not_proven_if_a_search_finds_two_poses(tmp_path: Path) -> None:
     """Joints in two planes: the mirrored platform under the base has the same readings."""
     machine = design()
     wide = {**dict.fromkeys(POSE, 1.0), "z_mm": 2020.0 * machine.height}

@@ -99,7 +99,7 @@ def _sector(plate: Plate, radius: float, angle: float) -> np.ndarray:
 
 
 def _felt(plate: Plate, joints: np.ndarray) -> np.ndarray:
-    """What a wrench at the platform's origin feels of the sectors (6, 1, 6, 6) at joints (6, 3) from there."""
+    """Matrices (6, 1, 6, 6) from a wrench at the platform's origin to the wrench on the sector at each joint (6, 3)."""
     found = []
     for joint, angle in zip(joints, _angles(joints), strict=True):
         radius = np.hypot(*joint[:2])

@@ -112,7 +112,7 @@ def test_every_cause_says_what_the_contract_asks_of_it(cause: PointCause) -> Non
     assert all(parameter.scale > 0 for parameter in parameters)
 
 
-def test_a_form_that_nobody_declared_claims_nothing_beyond_the_range_of_what_it_follows() -> None:
+def test_a_nonparametric_form_claims_nothing_beyond_the_range_of_its_inputs() -> None:
     own = NonparametricMechanismEffect(columns=("time_s",), centres=(50.0,), half_ranges=(50.0,), degree=3)
     assert own.covers({"time_s": np.array([0.0, 100.0, 101.0, -1.0])}, 4).tolist() == [True, True, False, False]
     assert own.covers({}, 2).all()

@@ -25,7 +25,7 @@ def _basis(form: str) -> NDArray:
 
 
 @pytest.mark.parametrize("share", [0.13, 0.2, 0.3, 0.42, 0.6, 0.85])
-def test_whatever_settles_with_a_temperature_settles_in_time(share: float) -> None:
+def test_a_warm_up_of_any_time_constant_is_a_form_of_time(share: float) -> None:
     """A warm-up with any time constant is a form of time: hardly anything of its squares is left."""
     warm = 1.0 - np.exp(-(SECONDS - SECONDS[0]) / (share * 2500.0))
     left = [1.0 - np.corrcoef(warm, _basis(form))[0, 1] ** 2 for form in SETTLINGS]

@@ -26,7 +26,7 @@ TOLERANCE = Tolerance(stiffness=0.02)
 
 @dataclass(frozen=True)
 class Bench:
-    """What was drawn, and what the stages made of it."""
+    """A drawn bench campaign, and the results of the stages."""
 
     folder: Path
     drawn: Campaign

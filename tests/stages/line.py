@@ -23,5 +23,5 @@ def run_line(folder: Path, *stages: str) -> tuple[dict[str, pa.Table], dict[str,
 
 
 def settings_of(folder: Path) -> Campaign:
-    """What campaign.toml says."""
+    """Settings of campaign.toml."""
     return open_campaign(folder).validated()

@@ -98,7 +98,7 @@ def test_a_wave_of_the_screw_is_named_with_its_period() -> None:
     assert own.cause.period == pytest.approx(0.037, rel=0.05)  # type: ignore[attr-defined]
 
 
-def test_where_nothing_is_hidden_no_more_is_found_than_declared() -> None:
+def test_without_hidden_effects_false_alarms_stay_within_the_declared_rate() -> None:
     clean = [_diagnosed(Axis().measured(np.random.default_rng([9, number]))) for number in range(16)]
     quiet = [one for one in clean if not _found(one) and not one.noisy]
     assert len(quiet) >= fewest_of(len(clean), 0.95)
@@ -171,7 +171,7 @@ def test_a_cause_of_an_axis_can_be_ignored() -> None:
     assert "lost-motion" not in {verdict.cause.id for verdict in diagnosis.verdicts}
 
 
-def test_positions_beside_readings_are_no_axis_alone() -> None:
+def test_positions_next_to_readings_are_no_axis_alone() -> None:
     table = Axis().measured(np.random.default_rng(1))
     assert has_only_approaches({"positions": table})
     assert not has_only_approaches({"positions": table, "readings": table})
@@ -189,7 +189,7 @@ def test_settings_of_an_axis_survive_pickle_and_copy() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4, 5, 6])
 def test_lost_motion_is_named_next_to_a_larger_error_of_the_place(seed: int) -> None:
-    """What an error of the place leaves is the same from both sides, so the difference between sides is none of it."""
+    """An error of the place is equal from both sides, so the difference between the sides is lost motion alone."""
     rng = np.random.default_rng(seed)
     axis = Axis(backlash=0.0127, targets=tuple(np.linspace(-20.0, 20.0, 9).tolist()))
     table = axis.measured(rng)

@@ -11,18 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.blind.generator.axis import AxisCampaign, record, write
+from tests.changed_files import replace_text
 from tests.stages.axis_campaigns import axis_campaign, axis_layout, truing_command
 from truing.stages.common.axis_columns import AxisColumns
 from truing.stages.quality.axis_checks import _repeated
 from truing.stages.quality.check import CampaignLimits
-
-
-def _broken(folder: Path, of: str, old: str, new: str) -> Path:
-    path = write(axis_campaign(), folder) / of
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
-    return folder
 
 
 @pytest.mark.parametrize(
@@ -51,7 +44,9 @@ def _broken(folder: Path, of: str, old: str, new: str) -> Path:
     ],
 )
 def test_unusable_inputs_are_named_with_their_place(tmp_path: Path, of: str, old: str, new: str, expected: str) -> None:
-    code, said = truing_command("check", str(_broken(tmp_path / "c", of, old, new)))
+    folder = write(axis_campaign(), tmp_path / "c")
+    replace_text(folder / of, old, new)
+    code, said = truing_command("check", str(folder))
     assert code == 2
     assert expected in said
     assert "points.csv" not in said

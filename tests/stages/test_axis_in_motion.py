@@ -87,7 +87,7 @@ def test_all_encoders_may_be_late_or_one_of_several() -> None:
     assert [cause.subject for cause in found] == ["", "encoder motor", "instrument"]
 
 
-def test_a_lag_is_named_with_its_size_beside_lost_motion() -> None:
+def test_a_lag_is_named_with_its_size_next_to_lost_motion() -> None:
     found = _of_verdict(_diagnosed((5.0, 15.0, 25.0), LAG_S, BACKLASH_MM), "found")
     assert set(found) == {"reading-lag", "lost-motion"}
     for cause, size in (("reading-lag", LAG_S), ("lost-motion", 1e-3 * BACKLASH_MM)):

@@ -1,4 +1,4 @@
-"""A wave of a wrong period that stands for a scale error and a wave gives way to both, next to the other causes."""
+"""A wave of a wrong period that imitates a scale error and a wave is replaced by both, next to the other causes."""
 
 from __future__ import annotations
 

@@ -30,8 +30,8 @@ def _found_verdicts(
     declared: Optics | None = None,
     arms: Mapping[str, tuple[float, ...]] | None = None,
 ) -> list[Verdict]:
-    """What is found in a campaign with an effect, machine and zeros within their tolerances; ``declared``: of beams;
-    ``arms``: of loading units."""
+    """Verdicts of found causes in a campaign with an effect; machine and zeros are within their tolerances.
+    ``declared``: optics of the beams; ``arms``: of loading units."""
     rng, own = np.random.default_rng(seed), bench()
     truth = own.model(*([] if cause is None else [cause]), signals=False)
     shared = rng.normal(size=truth.shared_size)

@@ -73,7 +73,7 @@ def test_the_sample_shows_where_its_finding_pays(sample_run: Path) -> None:
     assert rows.loc[rows["verdict"] == "rejected", "left_out_by"].isna().all()
 
 
-def test_a_few_poses_cannot_tell_whether_a_finding_holds_elsewhere(workplace: Path) -> None:
+def test_a_few_poses_cannot_show_whether_a_finding_holds_elsewhere(workplace: Path) -> None:
     run = truing.load(workplace / "runs" / "telescope")
     rows = run["diagnosis"]
     assert rows.loc[rows["verdict"] == "found", "left_out_by"].unique().tolist() == ["none"]

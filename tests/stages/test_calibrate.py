@@ -73,14 +73,14 @@ def line(whole: dict[str, pa.Table]) -> dict[str, pa.Table]:
 
 @pytest.fixture(scope="module")
 def sample(whole: dict[str, pa.Table]) -> dict[str, pd.DataFrame]:
-    """What the calibrations left, without the model that the diagnosis extended."""
+    """Results of the calibrations, without the model that the diagnosis extended."""
     frames = {name: whole[name].to_pandas() for name in OF_MECHANISM}
     return {name: frame[frame["model"] != "extended"] if "model" in frame else frame for name, frame in frames.items()}
 
 
 @pytest.fixture(scope="module")
 def plain(line: dict[str, pa.Table]) -> dict[str, pd.DataFrame]:
-    """What is found on rigid legs, of the measurements as they are."""
+    """Findings for rigid legs from the unchanged measurements."""
     return calibrated(line, read_campaign(rigid()))[0]
 
 

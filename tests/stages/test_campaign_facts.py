@@ -27,5 +27,5 @@ def test_the_model_of_the_processor_is_the_first_that_the_system_lists(tmp_path:
     assert processor_model(listed) == "A Processor @ 2.40GHz"
 
 
-def test_a_system_without_a_list_tells_no_architecture_in_place_of_a_model(tmp_path: Path) -> None:
+def test_a_system_without_a_list_gives_no_architecture_in_place_of_a_model(tmp_path: Path) -> None:
     assert processor_model(tmp_path / "none") != platform.machine()

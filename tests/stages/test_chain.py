@@ -16,6 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.blind.generator.arms import draw, write
+from tests.changed_files import replace_text
 from tests.packaging.source_tree import PROJECT
 from tests.report.explained import unexplained
 from tests.runs.test_robot_description import _textbook
@@ -197,14 +198,6 @@ def test_chains_of_other_joints_are_other_machines(run: Path) -> None:
     assert mechanism_of(load(run)) == "chain of joints axis_1, axis_2, axis_3, axis_4"
 
 
-def _rewritten(campaign: Path, folder: Path, of: str, old: str, new: str) -> Path:
-    shutil.copytree(campaign, folder)
-    text = (folder / of).read_text(encoding="utf-8")
-    assert old in text
-    (folder / of).write_text(text.replace(old, new), encoding="utf-8")
-    return folder
-
-
 @pytest.mark.parametrize(
     ("of", "old", "new", "expected"),
     [
@@ -237,16 +230,17 @@ def _rewritten(campaign: Path, folder: Path, of: str, old: str, new: str) -> Pat
 def test_bad_input_is_named_with_its_place(
     campaign: Path, tmp_path: Path, of: str, old: str, new: str, expected: str
 ) -> None:
-    code, output = _truing("check", str(_rewritten(campaign, tmp_path / "c", of, old, new)))
+    folder = shutil.copytree(campaign, tmp_path / "c")
+    replace_text(folder / of, old, new)
+    code, output = _truing("check", str(folder))
     assert code == 2
     assert expected in output
 
 
 def test_a_robot_description_with_macros_names_the_command_that_expands_them(campaign: Path, tmp_path: Path) -> None:
-    folder = _rewritten(campaign, tmp_path / "c", "robot.urdf", "</robot>", "<xacro:arm prefix='a'/></robot>")
-    text = (folder / "robot.urdf").read_text(encoding="utf-8")
-    expanded = text.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', 1)
-    (folder / "robot.urdf").write_text(expanded, encoding="utf-8")
+    folder = shutil.copytree(campaign, tmp_path / "c")
+    replace_text(folder / "robot.urdf", "</robot>", "<xacro:arm prefix='a'/></robot>")
+    replace_text(folder / "robot.urdf", "<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', 1)
     code, output = _truing("check", str(folder))
     assert code == 2
     assert "robot.urdf" in output

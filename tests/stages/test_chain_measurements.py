@@ -116,7 +116,7 @@ def _diagnosed(campaign: Path) -> list[dict[str, Any]]:
     return pq.read_table(str(campaign) + "-run/diagnosis.parquet").to_pylist()
 
 
-def test_distances_beside_points_are_evaluated_together(beside: Path) -> None:
+def test_distances_next_to_points_are_evaluated_together(beside: Path) -> None:
     rows = _diagnosed(beside)
     (hidden,) = json.loads(beside.with_name("arm.truth.json").read_text(encoding="utf-8"))["effects"]
     (found,) = [row for row in rows if row["verdict"] == "found"]
@@ -130,7 +130,7 @@ def test_distances_beside_points_are_evaluated_together(beside: Path) -> None:
     assert fitted["rms_after"].mean() < fitted["rms_before"].mean()
 
 
-def test_distances_beside_points_need_one_frame(beside: Path, tmp_path: Path) -> None:
+def test_distances_next_to_points_need_one_frame(beside: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(beside, tmp_path / "arm")
     text = (folder / "campaign.toml").read_text(encoding="utf-8")
     (folder / "campaign.toml").write_text(text.replace('frame = "campaign"', 'frame = "series"'), encoding="utf-8")

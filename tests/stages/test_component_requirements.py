@@ -1,4 +1,4 @@
-"""Requirements of a chain and of an axis, judged by the error of the extended model where it was measured."""
+"""Requirements of a chain and of an axis are decided by the error of the extended model where it was measured."""
 
 from __future__ import annotations
 

@@ -220,7 +220,7 @@ def _in_plane(tables) -> pd.DataFrame:
 
 
 def test_shifts_in_the_plane_are_tested_and_not_assumed_away(sample, tmp_path):
-    """The sample's platform bends along z alone; another one shifts in its plane as well, by the stated amounts."""
+    """The sample's platform bends along z alone; another one also shifts in its plane, by the stated amounts."""
     tables, _ = sample
     assert _figures(tables, "in-plane")["p_value_over_none"] > 1e-3
     low, high = _band(72)

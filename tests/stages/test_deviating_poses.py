@@ -79,7 +79,7 @@ def test_more_than_half_of_the_values_must_deviate_and_the_largest_deviation_com
     assert [(epoch.name, epoch.left_out, epoch.largest) for epoch in found] == [("pose 5", 2, 20.0), ("pose 3", 2, 9.0)]
 
 
-def test_one_value_cannot_tell_the_machine_from_the_measurement() -> None:
+def test_one_value_cannot_distinguish_the_machine_from_the_measurement() -> None:
     several = deviating_epochs(_left_out((3, "T1", 9.0, 2), (3, "T2", 8.0, 2)))
     words = deviating_words(several, model_fits=True)
     assert_says(words, "pose 3", "2 of 2 values")

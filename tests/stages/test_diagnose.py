@@ -40,7 +40,7 @@ CERTAINTY = 0.999  # of every chi-square band
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """What the stage left for a campaign, and the truth behind the campaign."""
+    """Results of the stage for a campaign, and the truth behind the campaign."""
 
     rows: list[dict[str, Any]]
     model: str
@@ -102,7 +102,7 @@ def linear(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
 
 
 def _given(made: Diagnosed, row: dict[str, Any], name: str) -> dict[str, float]:
-    """What each source gives to a parameter."""
+    """Contribution of each source to a parameter."""
     place = row["cause"], row["subject"], name
     return {
         source["input_source"]: source["contribution"]
@@ -183,7 +183,7 @@ def test_every_cause_has_its_row_and_the_found_ones_come_first(linear: Diagnosed
     assert all(row["follows"] for row in linear.rows if row["cause"] == "unexplained")
 
 
-def test_where_no_pose_is_held_out_blocks_are_left_out_in_turn(tmp_path: Path) -> None:
+def test_without_held_out_poses_blocks_are_left_out_in_turn(tmp_path: Path) -> None:
     rng = np.random.default_rng(46)
     layout = Layout(name="fitted", targets=Targets(base=8, platform=7, per_leg=3))
     moves = [at_rest(), *random_moves(24, 0, rng)]

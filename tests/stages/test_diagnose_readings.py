@@ -72,7 +72,7 @@ def test_the_sideways_z_load_is_named_and_sized_and_nothing_else_is_found(tables
     assert found[0]["rms_before"] > 3 * found[0]["rms_after"]
 
 
-def test_what_is_left_is_noise_in_every_channel_less_one_zero_per_run(tables: dict[str, Any]) -> None:
+def test_residuals_of_every_channel_are_noise_less_one_zero_per_run(tables: dict[str, Any]) -> None:
     errors, declared = tables["reading_errors"].to_pandas(), {"um": 0.5, "arcsec": 0.2, "mV": 0.01}
     for channel, own in errors.groupby("channel"):
         # About 126 readings of a channel, 756 of a signal; one zero per run is not in them.

@@ -59,7 +59,7 @@ def run(folder: Path, out: Path) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("targets", [1, 2, 3, 4])
-def test_an_exact_body_beside_another(targets: int, tmp_path: Path) -> None:
+def test_an_exact_body_next_to_another(targets: int, tmp_path: Path) -> None:
     code, said = run(campaign(tmp_path / "c", targets), tmp_path / "run")
     assert code == (ExitCode.DONE if targets > 2 else ExitCode.FAILED_CHECK), said
 

@@ -168,7 +168,7 @@ def test_invalid_settings_are_faults(folder, section, expected):
         ({"uncoded": False}, USUAL, False),
     ],
 )
-def test_where_boards_alone_are_asked_for_their_markers_are_no_codes(reported, codes, circles) -> None:
+def test_markers_of_boards_are_no_codes_if_only_boards_are_declared(reported, codes, circles) -> None:
     head = {"campaign": {"name": "x", "kind": "photogrammetry"}}
     settings = read_campaign({**head, "photographs": reported})
     plan = target_plan(settings.photographs, None)

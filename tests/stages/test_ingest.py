@@ -91,7 +91,7 @@ def folder(tmp_path):
 
 
 def plain(table):
-    """A table as its readers will see it: dictionary columns as the text they stand for."""
+    """A table as its readers see it: dictionary columns as text."""
     columns = {
         name: table.column(name).cast(pa.string())
         if pa.types.is_dictionary(table.schema.field(name).type)

@@ -104,7 +104,9 @@ def test_a_deviation_in_its_own_unit_is_added_to_the_command(tmp_path: Path) -> 
         ("", BY["rows"], "none", 'type = "axis"'),
     ],
 )
-def test_what_cannot_be_joined_is_a_fault(tmp_path: Path, change: str, keys: str, machine: str, expected: str) -> None:
+def test_readings_that_cannot_be_joined_are_a_fault(
+    tmp_path: Path, change: str, keys: str, machine: str, expected: str
+) -> None:
     commands, readings = _tables()
     if change == "shorter":
         readings = readings.iloc[:-1]

@@ -1,4 +1,5 @@
-"""Signals of a force sensor on a stand with hangers, as one table of loads without times: findings and messages."""
+"""Signals of a force sensor on a stand with hangers, in one table of loads without times, give findings and
+messages."""
 
 from __future__ import annotations
 
@@ -119,7 +120,7 @@ def touched(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return _run(_write(tmp_path_factory.mktemp("stand") / "c", 5, touch=67.0 * SIGMA_MV, slip=20))
 
 
-def test_an_effect_of_few_load_steps_is_used_and_a_slip_beside_it_is_left_out(touched: Any) -> None:
+def test_an_effect_of_few_load_steps_is_used_and_a_slip_next_to_it_is_left_out(touched: Any) -> None:
     """Three load steps of 65 show it, and no cause describes it: their common part is reported."""
     kept = touched.tables["calibration_kept"].to_pandas()
     steps = np.flatnonzero(_are_touched(_loads())).tolist()

@@ -261,7 +261,7 @@ def test_without_a_survey_shape_and_poses_come_from_the_poses_alone(campaign):
     assert points[points["rejected"]][["pose", "target"]].to_numpy().tolist() == [[4, "B2"]]
 
 
-def test_without_declared_noise_the_distances_between_points_tell_it(campaign):
+def test_without_declared_noise_the_distances_between_points_show_it(campaign):
     observations = campaign["observations"].to_pandas()
     observations[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]] = np.nan
     campaign["observations"] = pa.Table.from_pandas(observations, preserve_index=False)

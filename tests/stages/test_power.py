@@ -202,7 +202,7 @@ def test_tables_report_sizes_with_bounds_and_rates_with_theirs() -> None:
     assert rates[2]["expected"] == pytest.approx(0.8, abs=0.01)
 
 
-def test_where_nothing_was_drawn_theory_stands_alone() -> None:
+def test_without_draws_the_table_has_theory_alone() -> None:
     row = sizes_table([curve(_question(50.0), 0, [])]).to_pylist()[0]
     assert row["expected_80"] is not None
     assert row["found_80"] is None

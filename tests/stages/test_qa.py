@@ -227,7 +227,7 @@ warn = 0.01
     assert not _rows(qa, "geometry-plane")["message"].str.contains("campaign").any()  # it is the default
 
 
-def test_repeats_are_judged_where_there_are_any(tmp_path):
+def test_repeats_are_assessed_where_there_are_any(tmp_path):
     rng = np.random.default_rng(5)
     moves = random_moves(12, 2, rng)
     qa, _ = _qa(tmp_path, moves=[*moves, *((100 + move[0], *move[1:]) for move in moves)])

@@ -36,7 +36,7 @@ RULE = '\n[[exclude]]\n{keys}\nby = "M. Keller"\non = 2026-11-20\nreason = "loos
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Fourteen poses, six of them once more, as a column says; actuators do not stand where they stood."""
+    """Fourteen poses, six of them repeated by declaration; the actuators stop at other positions."""
     rng = np.random.default_rng(5)
     moves = random_moves(14, 2, rng)
     again = [(101 + k, "calibration", moves[k][2]) for k in range(REPEATED)]
@@ -108,7 +108,7 @@ def test_repeats_are_known_by_their_readings_where_no_column_says_so(line):
     assert len(repeated_poses(plain, (), 0.02)[0]) == REPEATED  # as far apart as these actuators stand
 
 
-def test_runs_of_a_bench_tell_theirs(tmp_path):
+def test_runs_of_a_bench_show_their_noise(tmp_path):
     readings, signals = sensor_campaign.measured(np.random.default_rng(2), repeats=2)
     sensor_campaign.write_campaign(tmp_path / "bench", readings, signals, sensor_campaign.campaign_toml())
     tables = run_line(tmp_path / "bench", "ingest")[0]
@@ -127,7 +127,7 @@ def test_runs_of_a_bench_tell_theirs(tmp_path):
     assert (bent.drop(index="v2")["p_value"] > RARE).all()
 
 
-def test_a_bench_shows_what_exclusions_change(tmp_path):
+def test_a_bench_shows_the_effect_of_exclusions(tmp_path):
     readings, _ = sensor_campaign.measured(np.random.default_rng(4), own_channel=True)
     own = (readings["run"] == 3) & (readings["channel"] == "dz")
     readings.loc[own & (readings["step"] == 4), "reading"] += 40.0  # far off, and so no part of the result anyway

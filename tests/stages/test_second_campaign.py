@@ -163,7 +163,7 @@ def test_a_sensor_predicts_readings_and_loads_of_its_next_series(tmp_path: Path)
     assert_fault(faults, column="mechanism")
 
 
-def test_a_calibration_needs_of_the_next_series_what_it_follows(tmp_path: Path) -> None:
+def test_a_calibration_needs_its_inputs_in_the_next_series(tmp_path: Path) -> None:
     made = bench(tmp_path / "c", layout("all", signals=6), 4, (), ("ingest",))
     found = recorded(made.tables, settings_of(made.folder))
     warm = replace(found, covariate=np.linspace(0.0, 1.0, len(found.signal))[:, None], covariate_names=("temperature",))

@@ -107,7 +107,7 @@ def test_a_calibration_knows_of_a_picture_that_fails(rms: float, fails: bool) ->
         ("actuator-gain", "drive", "", "found", False),
     ],
 )
-def test_recorded_poses_judge_no_calibration_where_all_are_found_wrong(
+def test_recorded_poses_assess_no_calibration_where_all_are_found_wrong(
     cause: str, step: str, subject: str, verdict: str, wrong: bool
 ) -> None:
     reported = rows(row(cause, verdict=verdict, subject=subject, settings=json.dumps({"step": step})))

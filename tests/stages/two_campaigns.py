@@ -32,7 +32,7 @@ MACHINE = 11  # the seed of what was built, unless another is asked for
 
 @dataclass(frozen=True)
 class Machine:
-    """Where a campaign's own draws begin: the machine and its targets are drawn from a seed of theirs."""
+    """Seeds of a campaign; the machine and its targets have a seed of their own."""
 
     seed: int
     same_survey: bool
@@ -64,7 +64,7 @@ def measured(
 
 
 def gathered(folder: Path) -> DiagnosisData:
-    """What the diagnosis compares of a campaign folder."""
+    """Data that the diagnosis compares, of a campaign folder."""
     import tomllib
 
     tables, _ = run_line(folder, "ingest", "pose")

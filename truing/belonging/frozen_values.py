@@ -35,9 +35,9 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
     noise (K,): one standard deviation, NaN where unknown. A constant value beyond which the load would lead is a limit
     of the instrument, and is not reported.
     """
-    for column, answer in enumerate(matrix):
+    for column, response in enumerate(matrix):
         is_observed = np.isfinite(value[:, column])
-        expected = load @ answer
+        expected = load @ response
         most = float(np.abs(expected[is_observed]).max(initial=0.0))
         enough = max(_OF_RANGE * most, _OVER_STEP * _step(value[is_observed, column]))
         enough = max(enough, _OVER_NOISE * float(np.nan_to_num(noise[column])))

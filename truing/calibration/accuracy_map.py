@@ -48,7 +48,7 @@ class AccuracyMap:
 def accuracy_map(problem: DesignProblem, accuracy: NDArray, rng: np.random.Generator) -> AccuracyMap:
     """Return the errors at the reference, the corners, points in between, sections, and where climbs from them end.
 
-    accuracy (L,), m. Raises ValueError if forbidden regions leave no room, and as `actuator_errors`.
+    accuracy (L,), m. Raises ValueError if forbidden regions leave no candidate, and as `actuator_errors`.
     """
     corners, inside = problem.region.corners(), problem.region.draw(_INSIDE, rng)
     groups = {"reference": np.zeros((1, 6)), "corner": corners, "inside": inside}

@@ -34,7 +34,7 @@ _BETWEEN = 50  # interior points, in case all corners are forbidden
 # Parameters of the report (section 6.3.1); others enter only after these.
 REPORTED = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "u_z", "l")
 _DENSE = 2000  # points spread over the region, in addition to its corners
-_CLIMBERS = 60  # starting points of the search for more sensitive points
+_ASCENTS = 60  # starts of gradient ascent to more sensitive points
 _ROUNDS = 4  # rounds in which the points found join the candidates
 _RAISED = 1e-4  # increase of the bound per parameter below which no further round is needed
 _STARTS = 10
@@ -202,15 +202,15 @@ class Bounded:
 
 def bounded(problem: DesignProblem, poses: int, existing: NDArray | None, rng: np.random.Generator) -> Bounded:
     """Return candidates with an upper bound for any choice of poses; raises ValueError if forbidden regions leave no
-    room."""
+    candidate."""
     corners, between = problem.region.corners(), problem.region.draw(_DENSE, rng)
     is_reached = problem.reached(corners), problem.reached(between)
     x = np.concatenate([corners[is_reached[0]], between[is_reached[1]]])
     numbers = int(is_reached[0].sum()), int(is_reached[1].sum()), int(sum(np.sum(~mask) for mask in is_reached))
     for _ in range(_ROUNDS):
         bound = bound_design(problem.rows_at(x), poses, existing)
-        top = np.argsort(bound.sensitivity)[::-1][: _CLIMBERS // 2]
-        start = x[np.concatenate([top, rng.choice(len(x), _CLIMBERS // 2)])]
+        top = np.argsort(bound.sensitivity)[::-1][: _ASCENTS // 2]
+        start = x[np.concatenate([top, rng.choice(len(x), _ASCENTS // 2)])]
         largest = largest_sensitivity(problem.region, problem.rows_and_changes, bound, start)
         result = Bounded(x, *numbers, bound, bound.with_sensitivity(largest.value))
         if result.raised <= _RAISED * problem.size:
@@ -275,7 +275,7 @@ def _choose_by_exchange(
 def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.Generator) -> NDArray:
     """Return poses (count, 6) within the hull of the chosen (N, 6), far from them and from each other.
 
-    Raises ValueError if forbidden regions leave no room for that number of configurations.
+    Raises ValueError if forbidden regions leave fewer configurations.
     """
     if not count:
         return np.empty((0, 6))

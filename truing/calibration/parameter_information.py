@@ -175,10 +175,10 @@ def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration:
         return absorb(rows[0], -rows[1], calibration.parameters.labels)
     estimation = _full_problem(dataset, fitted, calibration.case)
     scales = np.where(np.isfinite(estimation.tolerance), estimation.tolerance, widest(calibration.parameters))
-    seats = np.diag(estimation.prior.information)[estimation.count :] ** -0.5
+    prior_sigma = np.diag(estimation.prior.information)[estimation.count :] ** -0.5
     seen = linear(dataset, estimation, estimation.problem.start, fitted)
     labels = [entry.label for entry in estimation.problem.entries]
-    return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
+    return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, prior_sigma]))
 
 
 def _knowledge_difference(calibration: MachineCalibration, complete: MachineCalibration) -> NDArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# Points of a block: matrices of so many fit into the processor's cache, and calls on them take longer than their start.
+# Points of a block: few enough for the processor's cache, and enough that calls cost more than their overhead.
 POINTS_AT_ONCE = 40_000
 
 

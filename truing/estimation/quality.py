@@ -120,7 +120,7 @@ class Drift:
 
 
 def find_drift(positions: Array, mask: Mask) -> Drift:
-    """True if positions (B, T, 3), in time order, drift: von Neumann's ratio of successive differences, pooled.
+    """Test positions (B, T, 3), in time order, for drift by von Neumann's ratio of successive differences, pooled.
 
     The span is that of a running median over a twentieth of the poses (at least five); the largest over a target's axes
     is the size of the drift.

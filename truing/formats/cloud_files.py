@@ -220,7 +220,7 @@ def ply_vertices(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.voi
     if end > len(data):
         rows_in_file = max(len(data) - begin, 0) // layout.record.itemsize
         raise Unusable(
-            f"{_WHOLE_PLY}: {layout.points} vertices, as its header announces: export it anew",
+            f"{_WHOLE_PLY}: {layout.points} vertices, as its header announces: export it again",
             value=f"{rows_in_file} vertices",
         )
     trailing = data[_byte_after(layout.after, data, end, layout.points) :]
@@ -351,7 +351,7 @@ def pcd_points(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]
         return _decompress_by_fields(layout, _decompressed(layout, compressed))
     size = layout.points * layout.record.itemsize
     if len(compressed) < size:
-        expected = f"{_WHOLE_PCD}: {layout.points} points, as its header announces: export it anew"
+        expected = f"{_WHOLE_PCD}: {layout.points} points, as its header announces: export it again"
         raise Unusable(expected, value=f"{len(compressed) // layout.record.itemsize} points")
     _refuse_trailing_data(compressed[size:])
     return compressed[:size].view(layout.record)
@@ -369,7 +369,7 @@ def _decompressed(layout: CloudLayout, compressed: NDArray[np.uint8]) -> NDArray
     packed, size = (int(number) for number in compressed[:8].view("<u4"))
     if size != layout.points * layout.record.itemsize:
         announced_size = f"{layout.points * layout.record.itemsize} bytes of points, as its header announces"
-        raise Unusable(f"{_WHOLE_PCD}: {announced_size}: export it anew", value=f"{size} bytes")
+        raise Unusable(f"{_WHOLE_PCD}: {announced_size}: export it again", value=f"{size} bytes")
     if packed > len(compressed) - 8 or size > _LARGEST_RATIO * packed:
         raise Unusable(f"{_WHOLE_PCD}: {packed} bytes of compressed points", value=f"{len(compressed) - 8} bytes")
     _refuse_trailing_data(compressed[8 + packed :])

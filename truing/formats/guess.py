@@ -46,7 +46,7 @@ _RAYS = ("image", "camera", "point", "x_px", "y_px")
 _CAMERA = ("camera", "width_px", "height_px", "focal_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _POINT = ("target", "x", "y", "z")
 _ONE_POSE = "one pose is taken: say under from_name, split or constants which pose each image belongs to"
-OF_RIGS = "no table: how cameras of a COLMAP model hang together; its images hold what is needed"
+OF_RIGS = "no table: relations of the cameras of a COLMAP model; its images suffice"
 _RIGS = ("# Rig calib list", "# Frame list")
 _CARTESIAN = "a program of FANUC with Cartesian positions; record them as joints: their representation in the program"
 _OF_FANUC = "positions of a FANUC program, in degrees"
@@ -248,7 +248,7 @@ def by_format(file_format: str, name: str) -> Guess | None:
     pose, bars = {"constants": {"pose": 1}}, ("bar", "first", "second", "length_mm", "sigma_mm")
     return {
         "phc": Guess(pose, _RAYS, "image_points", (f"AICON's image coordinates; {_ONE_POSE}",)),
-        "ior": Guess({}, _CAMERA, "cameras", ("AICON's interior orientations: what is estimated, free says",)),
+        "ior": Guess({}, _CAMERA, "cameras", ("AICON's interior orientations; free says what is estimated",)),
         "scale": Guess({}, bars, "scale_bars", ("AICON's bars",)),
         "gsi": Guess({"constants": {"body": "body"}}, _POINT, "points", (_OF_GSI,)),
     }.get(file_format)

@@ -385,7 +385,7 @@ class MappingPlan:
         elif self.entry.comment is None and self.names[0].startswith("#"):
             hint = 'but the first line begins with #: set comment = "#" if it holds no names, or name the format'
         elif reference in _OFTEN_IMPLICIT and not close:
-            hint += "; what no column says, from_name, number_rows or constants may"
+            hint += "; from_name, number_rows or constants may give what no column holds"
         text = f"a column {reference}" if reference == name else f"a column {reference} (it is to be {name})"
         return Misfit(f"{text}; {hint[:300]}", column=name)
 

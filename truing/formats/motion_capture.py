@@ -65,7 +65,7 @@ def read_trajectories(path: Path) -> Trajectories:
             value=f"{len(trajectories.labels)} labels of {trajectories.xyz.shape[1]} markers",
         )
     if announced is not None and frames != announced:
-        raise Unusable(f"{_WHOLE}; its header announces {announced} frames, {frames} could be read: export it anew")
+        raise Unusable(f"{_WHOLE}; its header announces {announced} frames, {frames} could be read: export it again")
     if not (np.isfinite(trajectories.rate) and trajectories.rate > 0):
         raise Unusable("a C3D file with a frame rate above 0 Hz", value=f"{trajectories.rate:g}")
     return trajectories

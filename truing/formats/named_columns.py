@@ -163,11 +163,10 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
 
 
 def _without_words_of_parts(names: Sequence[str]) -> list[str]:
-    """Return names without ``Position`` and ``Rotation`` before their axes: ``Base.Rotation.X`` is ``Base.qx``.
+    """Return names without the words for position and rotation before their axes.
 
-    So are ``quat_x`` and ``q_x`` ``qx``, and ``pos_x`` and ``t_x`` ``x``.
-
-    Rotations with a W are quaternions, others vectors or angles.
+    ``Base.Rotation.X`` becomes ``Base.qx``, ``quat_x`` becomes ``qx``, and ``pos_x`` becomes ``x``. Rotations with a W
+    are quaternions, others vectors or angles.
     """
     matches = [_OF_PART.fullmatch(bare_and_unit(name)[0]) for name in names]
     real = {m["before"] for m in matches if m is not None and m["axis"] in "wW"}

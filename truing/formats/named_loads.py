@@ -125,7 +125,7 @@ def _load_columns(names: Sequence[str]) -> LoadMapping | None:
         )
     load_columns_given, doubts = _map_applied_loads(plain, channels, steps)
     shown_keys = _keys({f"shown_{column}": name for column, name in plain.items()})
-    note = 'what a sensor shows; which load was applied no column says: constants = { load_axis = "fz", load = 10.0 }'
+    note = 'indications of a sensor; no column has the applied load: constants = { load_axis = "fz", load = 10.0 }'
     shown = LoadMapping("signals", {**shown_keys, **steps}, note)
     if channels:
         return replace(load_columns_given, doubts=doubts, otherwise=shown)
@@ -168,7 +168,7 @@ def _map_applied_loads(
     """Return the proposal for applied loads, and a doubt if channels are ratios of a bridge."""
     signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
     note = "loads, taken to be applied"
-    note += ", next to the channels of a sensor" if channels else "; what was read under them no column says"
+    note += ", next to the channels of a sensor" if channels else "; no column has the readings under them"
     return LoadMapping("signals", {**_keys({**signals, **plain}), **steps}, note), _doubts_on_ratios(channels)
 
 

@@ -71,7 +71,7 @@ def _read_text(stream: IO[bytes], layout: CloudLayout, entry: FileMapping, wante
     if kinds_of_rows == [None]:
         return
     if rows.held != layout.points:
-        expected = f"{layout.points} points, as the header announces, each in a line with a line feed: export it anew"
+        expected = f"{layout.points} points, as the header announces, each in a line with a line feed: export it again"
         raise Unusable(expected, value=f"{rows.held} points")
     _check_beyond(rows.remaining_lines(), layout)
 

@@ -153,7 +153,7 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
         lines_of_data[:_LINES], mapping, remarks, joints, is_of_joints=_OF_JOINTS.search(path.stem) is not None
     )
     if guess.mapping.get("format") == "vstars" and (select := coded_alone([line for _, line in lines_of_data])):
-        note = "coded targets alone: the others are numbered anew in every bundle"
+        note = "coded targets alone: the others get new numbers in every bundle"
         return replace(guess, mapping=guess.mapping | select, notes=(*guess.notes, note))
     if guess.table is None and (found := cycles_side_by_side(guess.columns, path.name)) is not None:
         return Guess({**guess.mapping, **found.mapping}, guess.columns, found.table, (found.note,), doubts=found.doubts)

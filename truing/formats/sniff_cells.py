@@ -38,7 +38,7 @@ from truing.formats.times import time_format_of
 from truing.formats.units import LONGEST_NAME, bare_and_unit, known_unit, may_be
 from truing.schemas.columns import find_column
 
-_ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
+_ONE_MOTION = "a single rigid motion (4x4) between two frames, no measurement; it is not read"
 _MARKER = re.compile(r"Marker\.(?P<name>.+)\.[^.]*\.Position\.[XYZ](?: \[.*\])?")
 _POLAR = (
     "directions and distances of a total station, theodolite or laser tracker; export the adjusted coordinates X, Y, Z"
@@ -268,7 +268,7 @@ def _guess_table(cells: NamedCells, mapping: MappingKeys, table: str, by_names: 
         table = "points"  # a survey has every target once
         if (pose := _pose_column(cells, keys)) is not None:
             keys = {**keys, "columns": {"pose": pose, **keys.get("columns", {})}}
-            doubts = (f"column {pose} is assumed to tell the poses: in each of its values every target stands once",)
+            doubts = (f"column {pose} is assumed to number the poses: each of its values has every target once",)
     keys = _with_parts_of_names(cells, keys)
     if table == "targets" and any("(?P<pose>" in pattern for pattern in keys.get("split", {}).values()):
         table = "points"  # a survey has no poses

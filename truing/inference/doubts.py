@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 from truing.inference.accepted_cause import Accepted
 from truing.inference.fitted_model import FittedModel
-from truing.inference.forward_search import ForwardSearch, Searched, names_of_one_effect
+from truing.inference.forward_search import ForwardSearch
 from truing.inference.free_course import CourseRival, course_rival
 from truing.inference.model import CauseT
 from truing.inference.names_next_to_others import LEAST_PROBABILITY
 from truing.inference.rounds import act_on_same, share_explained
+from truing.inference.search_result import Searched, names_of_one_effect
 from truing.inference.search_verdicts import LEAST_LOG_ODDS, contradiction, is_unconfirmed
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
 

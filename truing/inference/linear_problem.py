@@ -209,8 +209,7 @@ class Whitened:
         return rows
 
     def taken(self, rows: slice) -> Array:
-        """Return the part (B, n, n) of some rows of each epoch that all unknowns follow: products of their
-        projections."""
+        """Return the blocks (B, n, n) of the hat matrix for some rows of each epoch."""
         local = self.local_basis[:, rows]
         if self.whole is None:
             shared = self.compact.followed(self.covariance(), rows)
@@ -241,19 +240,19 @@ class Whitened:
 
     @cached_property
     def leverage(self) -> Array:
-        """Share (N,) of each row that the unknowns follow; 1 where nothing is left to test."""
+        """Leverage (N,) of each row; 1 where nothing is left to test."""
         others = self.leverage_of_shared[len(self._leverage) :]
         return np.asarray(np.minimum(np.concatenate([self._leverage, others]), 1.0))
 
     @cached_property
     def _leverage(self) -> Array:
-        """Share of each row of the epochs that the unknowns follow, up to rounding."""
+        """Leverage of each row of the epochs, up to rounding."""
         local = np.sum(self.local_basis**2, -1).ravel()
         return np.asarray(self.leverage_of_shared[: len(local)] + local)
 
     @cached_property
     def leverage_of_shared(self) -> Array:
-        """Share (N,) of each row that the shared unknowns follow."""
+        """Part (N,) of the leverage that is due to the shared unknowns."""
         if self.whole is not None:
             return np.asarray(np.sum(self._known_basis**2, -1))
         covariance = self.covariance()

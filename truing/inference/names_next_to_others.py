@@ -13,10 +13,11 @@ import numpy as np
 
 from truing.inference.accepted_cause import Accepted
 from truing.inference.choice import CandidateChoice, choose, chosen_again
-from truing.inference.forward_search import ForwardSearch, Searched
+from truing.inference.forward_search import ForwardSearch
 from truing.inference.model import CauseT
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import RIVAL_FACTOR, Round, explains_the_same
+from truing.inference.search_result import Searched
 
 # Probability from which on a name is found, among all that explain the same.
 LEAST_PROBABILITY = 0.9

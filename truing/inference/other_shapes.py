@@ -74,8 +74,10 @@ def _best(evidence: Sequence[float]) -> list[int]:
 
 
 def _log_odds(other: FittedModel[CauseT], current: FittedModel[CauseT]) -> float:
-    """Return the log likelihood ratio of another model at a free noise level, less the limit of a clear lead and what
-    its further parameters cost (Schwarz, Ann. Statist. 6 (1978) 461); both models have the same observations."""
+    """Return the log likelihood ratio of another model at a free noise level, less the limit of a clear lead.
+
+    Further parameters have the penalty of Schwarz (Ann. Statist. 6 (1978) 461). Both models have the same observations.
+    """
     count = float(np.sum(current.measured.is_observed))
     squares = [max(float(np.sum(one.fit.whitened.rest**2)), _LEAST) for one in (current, other)]
     further = len(other.fit.shared) - len(current.fit.shared)

@@ -11,11 +11,12 @@ import numpy as np
 from truing.inference.accepted_cause import Accepted
 from truing.inference.block_gain import gain_in_blocks
 from truing.inference.choice import is_real, is_worth_reporting
-from truing.inference.forward_search import ForwardSearch, Searched
+from truing.inference.forward_search import ForwardSearch
 from truing.inference.model import CauseT
 from truing.inference.names_next_to_others import LEAST_PROBABILITY, NamesNextToOthers
 from truing.inference.rounds import RIVAL_FACTOR, Round
 from truing.inference.search_end import EndOfSearch
+from truing.inference.search_result import Searched
 from truing.inference.shape_uncertainty import shape_covariance_factors
 from truing.inference.verdicts import (
     INDISTINGUISHABLE,

@@ -21,7 +21,7 @@ from truing.inference.blocks import EpochBlocks
 from truing.inference.doubts import Doubts, of_larger_noise, outdone_causes
 from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter, ScreenedValue
-from truing.inference.forward_search import ForwardSearch, Searched, Settings, contested_causes
+from truing.inference.forward_search import ForwardSearch, Settings
 from truing.inference.model import CampaignModel, CauseT, ConditionsLike, ConditionsT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.noise_selection import NoiseSelection
@@ -31,6 +31,7 @@ from truing.inference.rounds import Round
 from truing.inference.scatter import FoundScatter
 from truing.inference.search import Search
 from truing.inference.search_end import EndOfSearch
+from truing.inference.search_result import Searched, contested_causes
 from truing.inference.search_verdicts import SearchVerdicts
 from truing.inference.single_errors import SingleErrors, single_errors
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict

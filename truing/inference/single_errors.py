@@ -1,8 +1,8 @@
-"""Single large errors of one input, which follow nothing that was recorded: its errors have heavy tails.
+"""Single large errors of one input, which depend on nothing that was recorded: its errors have heavy tails.
 
-Such errors have no mean effect and no common size, so no cause with a name explains them. That they are those of one
-input is told from the likelihood of Student's t: it must be clearly larger than that of heavy tails of any other input,
-of any channel, and of all observations of an epoch together.
+Such errors have no mean effect and no common size, so no cause with a name explains them. The
+likelihood of Student's t attributes them to one input: it must be clearly larger than that of heavy tails of any other
+input, of any channel, and of all observations of an epoch together.
 """
 
 from __future__ import annotations

@@ -135,9 +135,13 @@ def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
     parts = _leading_groups(absorbed.assign(kind=_kinds(absorbed)))
     titles = [capitalised(_group_words(key)) for key, _ in parts]
     heights = [rows["kind"].nunique() for _, rows in parts]
-    room = 70.0 / (30.0 * sum(heights) + 70.0 * len(parts))
+    spacing = 70.0 / (30.0 * sum(heights) + 70.0 * len(parts))
     grid = make_subplots(
-        rows=len(parts), cols=1, subplot_titles=[label(t) for t in titles], row_heights=heights, vertical_spacing=room
+        rows=len(parts),
+        cols=1,
+        subplot_titles=[label(t) for t in titles],
+        row_heights=heights,
+        vertical_spacing=spacing,
     )
     for row, (_, rows) in enumerate(parts, 1):
         grid.add_trace(_panel(rows), row=row, col=1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truing.report.figure_style import style
 from truing.report.numbers import with_uncertainty
 
-# Wider matrices have no room for numbers in their cells.
+# The cells of wider matrices are too small for numbers.
 NUMBERED = 15
 
 

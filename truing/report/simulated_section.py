@@ -49,7 +49,7 @@ def simulated_sentence(tables: Tables, facts: Facts) -> list[str]:
 
 
 def _explained(facts: Facts) -> list[str]:
-    """True if a common factor, or a motion of the whole platform, explains differences beyond chance."""
+    """Return sentences on a common factor, or a motion of the whole platform, that may explain the differences."""
     factor, sigma = (facts.get(("matrix", f"measured_over_simulated{part}")) for part in ("", "_sigma"))
     texts = []
     if factor is not None and sigma is not None:

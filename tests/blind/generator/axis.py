@@ -21,7 +21,7 @@ PLACES = {"axis": "axis", "encoder load": "load", "encoder motor": "motor", "ins
 
 @dataclass(frozen=True)
 class AxisLayout:
-    """What a campaign of an axis looks like before anything is hidden: units of the file, deg or mm."""
+    """An axis campaign without hidden effects; deg or mm, as in the file."""
 
     kind: str
     loop: str
@@ -112,7 +112,7 @@ def draw_scatter(strength: float, rng: np.random.Generator) -> tuple[AxisLayout,
 
 
 def _courses(layout: AxisLayout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -> dict[str, Array]:
-    """What slip adds in proportion to the path, and scatter at random, by place; "command" stands for the stop."""
+    """Slip, proportional to the path, and random scatter, by place; "command" is the position after a stop."""
     steps = np.diff(layout.command, prepend=layout.command[0])
     found: dict[str, Array] = {}
     for error in hidden:
@@ -132,7 +132,7 @@ def _courses(layout: AxisLayout, hidden: tuple[Hidden, ...], rng: np.random.Gene
 
 
 def _temperature(count: int, rng: np.random.Generator) -> Array:
-    """A room that follows the sun and a heater, read to a hundredth of a degree."""
+    """Room temperature that follows the sun and a heater, read to a hundredth of a degree."""
     share = np.arange(count) / count
     sun = np.sin(2.0 * np.pi * (rng.uniform(0.5, 3.0) * share + rng.uniform()))
     heater = 0.3 * np.sign(np.sin(2.0 * np.pi * (rng.uniform(4.0, 9.0) * share + rng.uniform())))
@@ -140,7 +140,7 @@ def _temperature(count: int, rng: np.random.Generator) -> Array:
 
 
 def shown(layout: AxisLayout, hidden: Hidden) -> bool:
-    """Whether a hidden error moves anything that was recorded."""
+    """Return True if a hidden error changes a recorded number."""
     quiet = AxisLayout(**{**layout.__dict__, "noise": dict.fromkeys(layout.noise, 0.0)})
     without, within = (record(quiet, errors, np.random.default_rng(0)).recorded for errors in ((), (hidden,)))
     return bool(np.any(np.ptp(within - without, axis=0) > 1e-12))
@@ -216,7 +216,7 @@ def record(
 def _readings(
     turned: float, way: float, row: int, hidden: tuple[Hidden, ...], added: Mapping[str, Array], warmer: float
 ) -> dict[str, float]:
-    """What every encoder reads, the motor standing at ``turned``, ``warmer`` kelvin above the campaign's mean."""
+    """Readings of all encoders with the motor at ``turned``, ``warmer`` kelvin above the mean of the campaign."""
     factor, shift = dict.fromkeys(PLACES.values(), 1.0), dict.fromkeys(PLACES.values(), 0.0)
     wave: dict[str, list[Hidden]] = {place: [] for place in PLACES.values()}
     gap = 0.0

@@ -43,7 +43,7 @@ def _hysteresis(layout: AxisLayout, rng: np.random.Generator) -> Array:
 
 
 def _stretch(layout: AxisLayout, rng: np.random.Generator) -> Array:
-    """Some successive rows that stand off, and none before or after them."""
+    """Some successive rows that deviate, and none before or after them."""
     count, rows = len(layout.command), int(rng.integers(3, 9))
     first = int(rng.integers(3, count - rows - 3))
     return ((np.arange(count) >= first) & (np.arange(count) < first + rows)).astype(float)

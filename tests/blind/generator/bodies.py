@@ -30,14 +30,12 @@ class Body:
 
 @dataclass(frozen=True)
 class Hidden:
-    """What happens to one body: which effect, and what it is made of.
-
-    ``deformation`` follows a column by a pattern (rms in mm over the column's range); ``hysteresis`` follows the
-    direction from which a drive came; ``drift`` follows time by a pattern, ``walk`` as a whole; both with tau over the
-    campaign's length (0: linear). ``moved`` shifts one target from a pose on; ``swapped`` exchanges labels in a pose.
-    ``sag`` lets every target shift along gravity by its own; ``nest`` lets one do so. ``scatter`` puts the body
-    elsewhere in each of a third of the poses, which follow each other (one sigma per axis).
-    """
+    """An effect on one body. ``deformation``: a pattern proportional to a column (rms in mm over the column's range).
+    ``hysteresis``: depends on the direction from which a drive came. ``drift``: a pattern in time; ``walk``: the whole
+    body in time; both with tau relative to the campaign's length (0: linear). ``moved``: one target shifts from a pose
+    on. ``swapped``: labels exchanged in a pose. ``sag``: every target shifts along gravity by its own amount; ``nest``:
+    one target does. ``scatter``: the body is displaced anew in each pose of a consecutive third (one sigma per
+    axis)."""
 
     kind: str
     body: str
@@ -48,7 +46,7 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Layout:
-    """What is measured: bodies, poses, noise in mm, the share of points missing and of gross errors."""
+    """Measured bodies and poses, noise in mm, share of missing points and of gross errors."""
 
     bodies: tuple[Body, ...] = (Body("tool", 6), Body("base", 5, 400.0, at_rest=True))
     poses: int = 60
@@ -163,7 +161,7 @@ def _poses(body: Body, count: int, rng: np.random.Generator) -> tuple[Array, Arr
 def _shifted(
     effect: Hidden, places: Array, columns: Mapping[str, Array], rng: np.random.Generator
 ) -> tuple[Array, dict[str, object]]:
-    """How the targets (N, k, 3) of a body are shifted on it, mm, and what is to be reported of it."""
+    """Return the shifts of a body's targets (N, k, 3), mm, and their facts for the report."""
     time = columns["time_s"]
     if effect.kind == "moved":
         target, first = int(rng.integers(len(places))), int(rng.integers(len(time) // 4, 3 * len(time) // 4))
@@ -208,7 +206,7 @@ def _down(layout: Layout, poses: Mapping[str, tuple[Array, Array]], body: str) -
 
 
 def _sagging(effect: Hidden, targets: int, down: Array, rng: np.random.Generator) -> tuple[Array, dict[str, object]]:
-    """How far targets (N, k, 3) hang from where they are on average, and by how much each."""
+    """Return the sag of targets (N, k, 3) relative to their mean, and the amplitude of each."""
     sag = effect.size * rng.normal(size=targets)
     if effect.kind == "nest":
         sag = effect.size * (np.arange(targets) == rng.integers(targets))

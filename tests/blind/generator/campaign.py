@@ -40,9 +40,8 @@ SHARED = ("marks", "plan")
 
 @dataclass(frozen=True)
 class Truth:
-    """What really was: the geometry made, true displacements (N, L), platform poses as the contract defines
-    them, and shifts of the attachments along the platform's z (N, L); mm, and rotation vectors in rad.
-    """
+    """The truth: geometry as built, true displacements (N, L), platform poses as the contract defines them, shifts of
+    the attachments along the platform's z (N, L); mm, and rotation vectors in rad."""
 
     built: Geometry
     drho: Array
@@ -110,7 +109,7 @@ def measured(
     setting: Setting,
     stream: Mapping[str, np.random.Generator],
 ) -> Campaign:
-    """The instrument's step: what is written down of a machine that stands where it does, and the truth."""
+    """Return the records of the instruments for a machine in its true poses, and the truth."""
     exact = exact_points(machine, body_poses, setting.marks)
     recorded, scatter = exact, np.ones(exact.shape[:2])
     for effect in effects:
@@ -149,7 +148,7 @@ def truth_of(
     marks: Marks,
     effects: tuple[Effect, ...],
 ) -> Truth:
-    """What really was, the platform's pose as its framing targets define it where there are enough of them."""
+    """Return the truth; the platform's pose is that of its framing targets, if there are enough of them."""
     position, turn = body_poses.position[:, 1], body_poses.turn[:, 1]
     upper = rotate(turn[:, None], machine.b) + position[:, None]
     if len(marks.framing("platform")) >= 3:

@@ -68,7 +68,8 @@ class Measure(PlannedMeasure):
         return strength(self._fit, change(self.exact, self.plan.campaign([effect], exact=True)))
 
     def of_drivers(self, effect: Effect) -> Mapping[str, float]:
-        """Strength of the part of an effect that only one driver tells, by the driver; none of effects with a form."""
+        """Strength of the part of an effect that depends on one driver alone, by driver; none for effects with a
+        form."""
         if not isinstance(effect, Foreign):
             return {}
         return {driver: self.strength(effect.of_driver(driver)) for driver in effect.drivers}

@@ -25,9 +25,8 @@ from tests.blind.generator.schedule import Schedule
 
 @dataclass(frozen=True)
 class Setting:
-    """What an effect may look at: the schedule, the marks, how far the platform follows, and the actuators'
-    declared noise.
-    """
+    """Inputs of an effect: schedule, marks, share by which the platform follows, and declared noise of the
+    actuators."""
 
     schedule: Schedule
     marks: Marks
@@ -52,7 +51,8 @@ class Effect(NamedEffect):
         return points
 
     def drawn(self, poses: Array) -> int:
-        """How many numbers in some poses (mask N) it draws anew each time: none, unless it moves nothing on average."""
+        """Return the count of numbers that the effect draws anew in the poses of a mask (N,): 0 unless its mean motion
+        is 0."""
         return 0
 
 

@@ -28,7 +28,7 @@ def write_campaign(campaign: Campaign, folder: Path, seed: int) -> Path:
 
 
 def truth_path(folder: Path) -> Path:
-    """Where the truth of the campaign in ``folder`` lies."""
+    """Path of the file with the truth of a campaign folder."""
     return folder.with_name(f"{folder.name}.truth.json")
 
 

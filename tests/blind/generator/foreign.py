@@ -30,13 +30,13 @@ class Foreign(Strange):
     seed: int
 
     def of_driver(self, driver: str) -> Foreign:
-        """The part of the effect that only one of its drivers tells."""
+        """The part of the effect that depends on one of its drivers alone."""
         return self
 
 
 @dataclass(frozen=True)
 class OfInputs(Foreign):
-    """An effect that is a random function of ``inputs``, or what only the column ``own`` tells of it."""
+    """An effect that is a random function of ``inputs``, or its part that depends on the column ``own`` alone."""
 
     inputs: tuple[str, ...]
     own: str = field(default="", kw_only=True)
@@ -86,7 +86,7 @@ class ForeignField(OfInputs):
 
 @dataclass(frozen=True)
 class WanderingBase(Foreign):
-    """The joints of the base wander slowly, each its own way: a bench that settles, in a course that nobody knows."""
+    """The joints of the base wander slowly and independently, along an unrecorded course."""
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -132,7 +132,7 @@ class Remembers(Foreign):
 
 
 class NobodyRecorded(Foreign):
-    """Legs grow with something that nobody recorded, each by its own share."""
+    """Legs grow with an unrecorded quantity, each by its own share."""
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -147,7 +147,7 @@ class NobodyRecorded(Foreign):
 
 
 class ForeignPoints(Foreign):
-    """Every recorded point is off by a field over the room: an instrument with errors of its own."""
+    """Every recorded point is displaced by a field over the measured space: an instrument with errors of its own."""
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -183,7 +183,7 @@ def _drives(campaign: Campaign, rng: np.random.Generator) -> tuple[str, ...]:
 
 
 def _inputs(campaign: Campaign, rng: np.random.Generator) -> tuple[str, ...]:
-    """One or two displacements; half of the time something else as well, or in their place."""
+    """One or two displacements; half of the time another input in addition, or in their place."""
     other = str(rng.choice(["time_s", "temperature_c", *campaign.schedule.further]))
     return ((other,), (*_drives(campaign, rng), other), *2 * (_drives(campaign, rng),))[rng.integers(4)]
 

@@ -24,7 +24,8 @@ ROUNDS = 12  # each leaves of a reading's error what effects are of the reading,
 
 @dataclass(frozen=True)
 class Place:
-    """Where the platform is put: position (3,) mm and rotation vector (3,) rad from the level home, and the role."""
+    """Commanded pose of the platform: position (3,) mm, rotation vector (3,) rad from the level reference pose, and
+    role."""
 
     role: str
     position: Array
@@ -57,7 +58,7 @@ def _on_circle(radius: float, angle: Array) -> Array:
 def random_places(
     calibration: int, verification: int, rng: np.random.Generator, position_mm: float = 25.0, turn_deg: float = 6.0
 ) -> list[Place]:
-    """Places drawn evenly from a box about the home; those held out from one of half its size."""
+    """Places drawn evenly from a box about the reference; held-out ones from a box of half its size."""
     reach = np.array([1.0] * calibration + [0.5] * verification)[:, None]
     shift = position_mm * reach * rng.uniform(-1.0, 1.0, (len(reach), 3))
     turn = np.deg2rad(turn_deg) * reach * rng.uniform(-1.0, 1.0, (len(reach), 3))
@@ -107,7 +108,7 @@ def _body_poses(built: Geometry, places: Sequence[Place]) -> BodyPoses:
 
 
 def displacements(geometry: Geometry, body_poses: BodyPoses) -> Array:
-    """What actuators have moved from rho0 (N, L), mm, where the platform stands and nothing acts."""
+    """Displacements of the actuators from rho0 (N, L), mm, for given platform poses without effects."""
     return _spans(geometry.a, geometry.b, body_poses) - geometry.length - geometry.rho0
 
 

@@ -42,7 +42,7 @@ EITHER_SIDE = 4  # poses that show a moved target, before its move and after it
 
 @dataclass(frozen=True)
 class Kind:
-    """How an effect is drawn for a campaign, and what a campaign must have for it to be there (see ``draw_plan``)."""
+    """A kind of effect: its draw for a campaign, and its requirements on the campaign (see ``draw_plan``)."""
 
     draw: Callable[[Campaign, np.random.Generator], OfSize]
     needs: frozenset[str] = frozenset()

@@ -41,7 +41,7 @@ class HiddenCase(ABC):
 
     @property
     def reported(self) -> Mapping[str, object]:
-        """What the truth tells of the plan."""
+        """Facts of the plan in the file of the truth."""
         return {"layout": self.plan.kind}
 
     def write(self, folder: Path) -> Path:

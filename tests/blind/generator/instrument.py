@@ -98,7 +98,7 @@ def read_actuators(indicated: Array, layout: Layout, rng: np.random.Generator) -
 
 
 def settle(schedule: Schedule, surroundings: Surroundings, rng: np.random.Generator) -> Array:
-    """Where the actuators stopped (N, 6): near the value that was asked of them, mm."""
+    """Positions at which the actuators stop (N, 6), mm, near the commanded values."""
     return schedule.asked + rng.normal(0.0, surroundings.positioning_mm, schedule.asked.shape)
 
 

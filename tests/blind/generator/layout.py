@@ -91,7 +91,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Targets:
-    """How many targets each body carries, and how far the platform's own ones follow the attachments."""
+    """Number of targets on each body, and the share by which the platform's own targets follow the attachments."""
 
     base: int = 14
     platform: int = 12
@@ -103,7 +103,7 @@ class Targets:
 
 @dataclass(frozen=True)
 class Noise:
-    """What the instruments really do, and what the campaign declares of it; one standard deviation each."""
+    """True and declared noise of the instruments; one standard deviation each."""
 
     point_mm: float = 0.005
     axis_ratio: tuple[float, float, float] = (1.0, 1.0, 1.0)  # along the axes of the measurement frame
@@ -117,7 +117,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class DataFaults:
-    """What goes wrong in any real data set."""
+    """Faults that occur in any real data set."""
 
     missing_share: float = 0.02
     gross_share: float = 0.005
@@ -126,7 +126,7 @@ class DataFaults:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Where and when: the measurement frame of each pose, the pace, and the walk of the temperature."""
+    """Measurement frame of each pose, time between poses, and random walk of the temperature."""
 
     frame_turn_rad: float = 3.0  # rotation vectors up to this length, direction at random
     frame_shift_mm: float = 1000.0
@@ -140,8 +140,8 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Weight:
-    """Which way is up in the base frame; what the legs carry, kg (None: the column payload_kg, or nothing is stated of
-    it), and its centre of gravity in the platform frame, mm."""
+    """Direction of gravity in the base frame; load of the legs, kg (None: the column payload_kg, or nothing is
+    declared); centre of gravity in the platform frame, mm."""
 
     up: tuple[float, float, float]
     mass_kg: float | None = None

@@ -69,9 +69,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class BodyPoses:
-    """Where the bodies stand: position (N, 8, 3) and quaternion (N, 8, 4) in the base frame; base, platform,
-    leg1 to leg6.
-    """
+    """Poses of base, platform and leg1 to leg6: position (N, 8, 3) and quaternion (N, 8, 4) in the base frame."""
 
     position: Array
     turn: Array
@@ -234,7 +232,7 @@ def stand(machine: Machine, reference: Machine) -> BodyPoses:
 
 
 def exact_points(machine: Machine, body_poses: BodyPoses, marks: Marks) -> Array:
-    """Where every mark is (N, M, 3), base frame."""
+    """Exact positions of all marks (N, M, 3), base frame."""
     of_mark = np.array([BODIES.index(body) for body in marks.body])
     return rotate(body_poses.turn[:, of_mark], machine.marks) + body_poses.position[:, of_mark]
 

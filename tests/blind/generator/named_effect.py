@@ -22,7 +22,7 @@ class NamedEffect:
 
     @property
     def subject(self) -> str:
-        """What it concerns, empty for the whole."""
+        """Subject of the effect, empty for the whole."""
         return ""
 
     @property
@@ -31,12 +31,12 @@ class NamedEffect:
         return ()
 
     def scatter(self, scatter: Array, setting: object) -> Array:
-        """How many times the instrument's noise each point (N, M) or reading (S, 6) has."""
+        """Scatter of each point (N, M) or reading (S, 6), relative to the instrument's noise."""
         return scatter
 
 
 def as_record(effect: NamedEffect) -> dict[str, object]:
-    """The effect as it stands in the file of truths."""
+    """Record of the effect in the file of truths."""
     values = {name: {"value": value, "unit": unit} for name, (value, unit) in effect.parameters().items()}
     reported = {"cause": effect.id, "subject": effect.subject, "parameters": values}
     if effect.id == "unexplained":

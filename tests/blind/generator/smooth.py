@@ -24,10 +24,8 @@ def random_function(inputs: Array, seed: int) -> Array:
 
 
 def own_part(inputs: Array, seed: int, column: int) -> Array:
-    """What of a random function (N,) of inputs (N, D) only one column tells: less its mean over that column's values.
-
-    The other columns stay as they are, so that everything goes in which the column does together with them.
-    """
+    """Part of a random function (N,) of inputs (N, D) that depends on one column: the function less its mean over that
+    column. The other columns keep their values, so interactions with the column are included."""
     scaled = standardised(inputs)
     form = _drawn_form(scaled, seed)
     every = np.repeat(scaled[:, None], len(scaled), axis=1)
@@ -65,7 +63,7 @@ def standardised(inputs: Array) -> Array:
 
 
 def random_walk(count: int, seed: int) -> Array:
-    """A walk (count,) with steps at random, smoothed over three of them, at most 1: what nobody wrote down."""
+    """A random walk (count,), smoothed over three steps, at most 1: an unrecorded quantity."""
     steps = np.convolve(np.random.default_rng(seed).normal(size=count + 2), np.ones(3) / 3, "valid")
     walk = np.cumsum(steps)
     walk -= walk.mean()
@@ -73,11 +71,9 @@ def random_walk(count: int, seed: int) -> Array:
 
 
 def remanence(course: Array, seed: int) -> Array:
-    """What friction elements of random thresholds keep of a course (N,) in time order, at most 1; it does not close.
-
-    Each element moves on only when it is pushed farther than its threshold (Prandtl and Ishlinskii's stop, Jenkin's
-    element); their sum depends on all turning points so far.
-    """
+    """Hysteresis of a course (N,) in time order by friction elements of random thresholds; at most 1, and not closed.
+    Each element moves only when it is pushed beyond its threshold (Prandtl and Ishlinskii's stop, Jenkin's element).
+    Their sum depends on all turning points so far."""
     rng = np.random.default_rng(seed)
     span = np.ptp(course)
     thresholds = span * rng.uniform(0.05, 0.45, 5)

@@ -40,7 +40,7 @@ class Fit:
     inverse: Array
 
     def overlap(self, changes: Sequence[Array]) -> Array:
-        """What a fit leaves of changes (N, R) each, as products (C, C) of each with each, in units of noise."""
+        """Gram matrix (C, C) of the parts of changes (N, R) that a fit does not absorb, in units of noise."""
         seen = np.stack([change * self.weight for change in changes])
         seen = seen - np.einsum("nrp,nqp,cnq->cnr", self.own, self.own, seen, optimize=True)
         seen = seen.reshape(len(changes), -1)
@@ -83,7 +83,7 @@ def squares_of_scatter(wanted: float, count: int, others: int) -> float:
 
 
 def change(plain: Campaign, changed: Campaign) -> Array:
-    """What an effect does to everything that is measured (N, R), from two campaigns without noise."""
+    """Change of all measurements (N, R) by an effect, from two campaigns without noise."""
     points = changed.record.points - plain.record.points
     return np.concatenate([points.reshape(len(points), -1), changed.readings - plain.readings], axis=1)
 
@@ -115,7 +115,7 @@ def _weight(campaign: Campaign) -> Array:
 
 
 def _pus(campaign: Campaign) -> tuple[Array, Array, Array]:
-    """Columns of a pose's own unknowns (N, R, P), of the common ones (N, R, S), and rows that tell only of these."""
+    """Columns of a pose's own unknowns (N, R, P), of the common ones (N, R, S), and rows that contain only these."""
     marks, truth = campaign.marks, campaign.truth
 
     def points(built: Geometry, drho: Array) -> tuple[Array, BodyPoses]:
@@ -211,7 +211,7 @@ def _carried(campaign: Campaign, built: Geometry) -> object:
 
 
 def _by_geometry(campaign: Campaign, moved: Callable[[Geometry], Array]) -> Array:
-    """What moves, (..., S), where each number of the geometry is off by its tolerance: a, b, u (x and y), length."""
+    """Motion (..., S) per tolerance of each geometric parameter: a, b, u (x and y), length."""
     built, known, columns = campaign.truth.built, campaign.layout.tolerance, []
     for name, sigma in (("a", known.a_mm), ("b", known.b_mm), ("u", known.u), ("length", known.length_mm)):
         value = getattr(built, name)
@@ -255,7 +255,7 @@ def _alone(errors: Array, seats: Array) -> Array:
 
 
 def _without_frame(campaign: Campaign) -> Array:
-    """How targets (M, 3) seem to sit by errors (3 M) of their survey, laid into the frame that they define."""
+    """Apparent shifts of targets (M, 3) by errors (3 M) of their survey, in the frame that they define."""
     marks = campaign.marks
     count = len(marks.place)
     seen = np.eye(3 * count).reshape(count, 3, 3 * count)

@@ -179,7 +179,7 @@ def test_points_behind_cameras_are_named():
 
 
 def test_parameters_that_the_images_do_not_determine_are_named():
-    """One plane from straight above, never rolled: principal distance and height are one, as far as images tell."""
+    """Vertical images of a plane, without roll, do not separate principal distance and height."""
     rng = np.random.default_rng(9)
     network, truth = draw(rng, images=4, points=10, bars=False, free=PARAMETERS[:1])
     flat = truth.points * [1, 1, 0]
@@ -190,7 +190,7 @@ def test_parameters_that_the_images_do_not_determine_are_named():
         _ = found.covariance
 
 
-def test_a_network_with_a_hinge_settles_and_has_no_covariance():
+def test_a_network_with_a_hinge_converges_and_has_no_covariance():
     """Two halves that share two points turn about the line through them."""
     rng = np.random.default_rng(0)
     network, truth = draw(rng, images=8, points=20, bars=False, free=("c",))

@@ -51,7 +51,7 @@ def _same(ours, reference, name):
 
 
 def _all_of(found, pose):
-    """Return everything that the covariance of an adjustment tells about a pose, by name."""
+    """Return all parts of the covariance of a pose in an adjustment, by name."""
     covariance = found.covariance
     points = len(covariance.point_numbers(pose))
     rows = np.random.default_rng(7).normal(size=(4, 3 * points))

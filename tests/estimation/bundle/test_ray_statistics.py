@@ -44,7 +44,7 @@ def statistics_of(found: Adjustment) -> tuple[RayStatistics, list[str]]:
     return statistics, [f"{number.kind} {number.name}" for number in statistics.numbers]
 
 
-def test_scores_are_what_a_change_in_one_pose_makes_of_them() -> None:
+def test_scores_follow_a_change_in_one_pose() -> None:
     made = photographed(UnstableCamera("c", jump_px=0.002, from_pose=MOVES[2][0]))
     found = adjusted(made)
     statistics, names = statistics_of(found)

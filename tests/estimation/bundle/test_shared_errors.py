@@ -10,7 +10,7 @@ from truing.estimation.bundle.ray_statistics import shared_errors
 POINTS = np.random.default_rng(1).normal(0.0, 0.2, (20, 3))
 
 
-def test_a_common_scale_is_the_one_pattern_beside_points_by_themselves() -> None:
+def test_a_common_scale_is_the_one_pattern_next_to_points_by_themselves() -> None:
     arms = POINTS - POINTS.mean(0)
     scale = 2e-5 * arms.reshape(-1, 1)
     shift = np.tile(1e-3 * np.eye(3), (len(POINTS), 1))  # a datum's: no error of points against each other

@@ -27,7 +27,7 @@ def leg_observability(names, leg, wide=1.0):
 
 @pytest.mark.parametrize("leg", LEGS)
 def test_the_telescopes_heights_and_length_cannot_be_distinguished(leg):
-    """Equation 36, corrected: z_z (a_z - b_z) + l, and z_z is 0.975 on all legs at home."""
+    """Equation 36, corrected: z_z (a_z - b_z) + l, with z_z = 0.975 for all legs at the reference."""
     texts = [group.text for group in inseparable(leg_observability(["az", "bz", "l"], leg))]
     n = leg + 1
     assert texts == [f"only a_z{n} − b_z{n} + 1.03 l{n} is determined"]
@@ -110,7 +110,7 @@ def test_directions_stay_unidentifiable_span_what_is_unseen_and_each_has_its_own
         assert np.all(found.sensitivity(spread.T) <= found.least)  # in words it is as unseen as it is in full
 
 
-def test_a_parameter_that_does_nothing_stands_alone():
+def test_a_parameter_without_effect_is_unobservable_by_itself():
     found = inseparable(observe(np.diag([5.0, 0.0, 7.0])[:, [0, 1, 2]], np.ones(3), ["x", "y", "z"]))
     assert [group.text for group in found] == ["y is unobservable"]
     assert inseparable(observe(5.0 * np.eye(3), np.ones(3), ["x", "y", "z"])) == ()

@@ -47,7 +47,7 @@ def test_corners_of_bent_limits_lie_on_two_of_them(bend):
     assert_close(np.sort(values, -1)[:, 1:], np.ones((6, 2)), atol=1e-8)
 
 
-def test_a_forbidden_box_leaves_the_corners_of_the_parts_beside_it():
+def test_a_forbidden_box_leaves_the_corners_of_the_parts_next_to_it():
     found = region((1, 1, np.inf), [[0.5, 0.2, -np.inf]], [[np.inf, np.inf, np.inf]])
     beside = [[-1, -1], [-1, 1], [0.5, 1], [0.5, -1]]
     below = [[-1, -1], [1, -1], [1, 0.2], [-1, 0.2]]

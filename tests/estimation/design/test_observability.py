@@ -198,7 +198,7 @@ def test_sigmas_are_those_of_the_normal_equations(seed):
     assert np.all(found.sigma_with_prior <= np.minimum(found.sigma, scale) * (1 + 1e-12))
 
 
-def test_predicted_sigma_is_what_repeated_measurements_scatter_by():
+def test_predicted_sigma_is_the_scatter_of_repeated_measurements():
     rng, names, leg = np.random.default_rng(1), ["ax", "ay", "bx", "by", "ux", "l"], 0
     J, runs = rows(names, leg) / 0.005, 2000
     fitted = np.linalg.lstsq(J, rng.normal(size=(40, runs)))[0]
@@ -206,7 +206,7 @@ def test_predicted_sigma_is_what_repeated_measurements_scatter_by():
         assert_between(ratio, 1 - 4 / np.sqrt(2 * runs), 1 + 4 / np.sqrt(2 * runs), what="scatter")
 
 
-def test_a_direction_is_unidentifiable_where_the_data_tell_less_than_the_drawing():
+def test_a_direction_is_unidentifiable_where_the_data_show_less_than_the_drawing():
     J = np.diag([10.0, 0.5])
     found = observe(J, [1.0, 1.0], ["strong", "weak"])
     assert found.rank == 1

@@ -31,7 +31,7 @@ GRID = np.linspace(-1.0, 1.0, 21)[:, None]
 
 @dataclass(frozen=True)
 class Conditions:
-    """Where each pose is measured: one reading."""
+    """Positions of the measured poses, with one reading each."""
 
     readings: np.ndarray
 
@@ -175,7 +175,7 @@ def test_rivals_that_predict_the_same_everywhere_are_never_distinguished(case: C
     assert_close(choice.final, 1.0, atol=1e-9, what="odds")
 
 
-def test_where_so_many_poses_are_not_enough_they_are_repeated(case: Case) -> None:
+def test_poses_are_repeated_if_the_allowed_number_is_not_enough(case: Case) -> None:
     choice = discriminating_poses(case.seen, (OWN, OWN), 10.0, 1)
     assert choice.is_enough
     assert len(choice.chosen) == 1

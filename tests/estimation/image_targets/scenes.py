@@ -62,7 +62,8 @@ def rings(rng, axes, blur, noise, bits, words, invert=False):
 
 
 def errors(found, truth, within=1.5):
-    """Which true target each one found is (-1: none), and the errors (n, 2) and covariances of those that are."""
+    """Return the index of the true target of each one found (-1: none), and the errors (n, 2) and covariances of
+    those."""
     apart = np.linalg.norm(found.centre_px[:, None] - truth[None], axis=-1)
     match = np.where(apart.min(1) < within, apart.argmin(1), -1)
     good = match >= 0

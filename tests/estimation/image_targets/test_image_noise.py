@@ -17,7 +17,7 @@ def steps(rng, read, gain, shape=(600, 800)):
 
 
 @pytest.mark.parametrize(("read", "gain"), [(1.0, 0.0), (3.0, 0.0), (1.5, 0.05), (0.8, 0.2)])
-def test_read_and_photon_noise_are_found_beside_texture(read, gain):
+def test_read_and_photon_noise_are_found_next_to_texture(read, gain):
     _, grey = steps(np.random.default_rng(3), read, gain)
     found = estimate_noise(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
     for level in (40.0, 180.0):

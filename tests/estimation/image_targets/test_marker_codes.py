@@ -82,7 +82,7 @@ def test_cells_of_another_size_than_the_markers_give_no_code():
     assert read_codes(grey, corners, ("aruco6x6_250",)).code.tolist() == codes
 
 
-def test_what_has_no_dark_border_or_no_contrast_gives_no_code():
+def test_images_without_dark_border_or_contrast_give_no_code():
     grey, corners = sheet("aruco4x4_50", [1, 2])
     assert read_codes(255 - grey, corners, USUAL).quad.tolist() == []
     assert read_codes(np.full_like(grey, 100), corners, FAMILIES).quad.tolist() == []

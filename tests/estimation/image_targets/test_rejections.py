@@ -85,7 +85,7 @@ def test_reasons_are_reported():
     assert only(measure_circles(seen(dot()), CirclePlan(uncoded=False)), "no code")
 
 
-def test_light_close_beside_a_dot_does_not_pull_its_centre():
+def test_light_close_next_to_a_dot_does_not_pull_its_centre():
     for edge in (91.5, 92.5, 94.0, 97.0):
         beside = shape(lambda x, y, edge=edge: x + 0 * y > edge)
         found = measure_circles(seen(dot(), beside), CirclePlan(polarity="white"))

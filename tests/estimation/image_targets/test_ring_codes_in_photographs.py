@@ -101,7 +101,7 @@ def test_codes_of_another_family_are_counted_and_not_called_circles():
     assert found.rejected["unreadable code"] == 4
 
 
-def test_coded_targets_of_real_photographs_have_the_numbers_printed_beside_them(real_data):
+def test_coded_targets_of_real_photographs_have_the_numbers_printed_next_to_them(real_data):
     folder = real_data / "target-images"
     plan = CirclePlan(codes=(any_word(8),), uncoded=False)
     first, second = (

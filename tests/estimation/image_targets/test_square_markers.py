@@ -106,7 +106,7 @@ def test_a_code_of_two_families_is_of_the_first_and_the_other_is_counted(sheet):
     assert found.rejected == {(1, "read as a code of another family, too"): ACROSS**2}
 
 
-def test_what_is_too_blurred_or_too_small_is_refused_with_the_reason():
+def test_blurred_or_small_markers_are_refused_with_the_reason():
     rng = np.random.default_rng(6)
     corners = seen(rng, 40.0, 40.0)
     light = plane_picture(marker_pattern("apriltag36h11", 7), homography(corners), 80, 1.4)

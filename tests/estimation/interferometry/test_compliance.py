@@ -36,7 +36,7 @@ def test_all_entries_are_recovered_within_their_sigmas() -> None:
     assert_between(float(np.mean(p)), 0.5 - 4 / np.sqrt(12 * 12), 0.5 + 4 / np.sqrt(12 * 12))
 
 
-def test_entries_that_no_run_tells_are_unknown() -> None:
+def test_entries_that_no_run_shows_are_unknown() -> None:
     found = fitted(made_log(np.random.default_rng(1), [*OWN_PAIRS, (2, 3)]))
     expected = np.eye(6, dtype=bool)
     expected[3, 2] = True
@@ -68,7 +68,7 @@ def test_loads_that_always_come_together_are_not_distinguished() -> None:
     assert not found.known[:, [1, 2, 3, 4, 5]].any()
 
 
-def test_drift_beside_the_load_is_taken_out_of_the_compliance() -> None:
+def test_drift_next_to_the_load_is_taken_out_of_the_compliance() -> None:
     """Drifts of some sigmas over a run bias entries that are fitted without them, and not those fitted with them."""
     squares, plain = 0.0, 0.0
     for seed in range(6):
@@ -138,7 +138,7 @@ def test_a_stiffer_axis_is_seen_and_a_simulation_that_is_unsure_explains_it() ->
     assert np.nanargmax(np.abs(compare(found, TRUE).z)) == 14
 
 
-def test_runs_are_predicted_by_the_others_where_these_tell_what_is_asked() -> None:
+def test_runs_are_predicted_by_the_others_where_these_show_what_is_asked() -> None:
     """Each pair of axis and channel is run three times: left out in turn, by refitting, and in one go."""
     log = made_log(np.random.default_rng(10), [pair for pair in OWN_PAIRS for _ in range(3)])
     variance = np.where(np.isfinite(log.displacement), log.sigma[:, None] ** 2, np.inf)

@@ -50,7 +50,7 @@ def bench(repeats: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def peculiar(run: np.ndarray, time_s: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """What a platform does that has hysteresis and play, creeps and answers pushing otherwise than pulling."""
+    """Response of a platform with hysteresis, play and creep that differs between pushing and pulling."""
     share = load[:, 2] / 4000.0
     size, back = np.abs(share), np.concatenate([[0.0], np.diff(np.abs(share)) < 0.0])
     crept = np.zeros(len(share))
@@ -62,7 +62,7 @@ def peculiar(run: np.ndarray, time_s: np.ndarray, load: np.ndarray) -> np.ndarra
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_follows_loads_is_no_noise_and_gross_errors_and_jumps_are_distinguished(seed):
+def test_the_response_to_loads_is_no_noise_and_gross_errors_differ_from_jumps(seed):
     rng = np.random.default_rng(seed)
     run, time_s, load = bench(8)
     reading = peculiar(run, time_s, load) + NOISE * rng.normal(size=len(run)) + 0.7 * rng.normal(size=8)[run]

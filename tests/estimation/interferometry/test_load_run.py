@@ -31,7 +31,7 @@ def test_the_gap_between_the_ways_is_the_hysteresis() -> None:
 
 
 def test_gaps_are_reported_for_runs_that_load_one_axis_only() -> None:
-    """Run 0 loads x and comes back 2 um off, run 1 loads x and y together: it tells of neither."""
+    """Run 0 loads x and returns with 2 um, run 1 loads x and y together and gives no gap of either."""
     size, run = len(LEVELS), np.repeat([0, 1], len(LEVELS))
     load = np.zeros((2 * size, 6))
     load[:, 0] = np.tile(LEVELS, 2)

@@ -23,7 +23,7 @@ def joined(log: Log, rows: np.ndarray | None = None) -> PlatformDisplacement:
     return platform_displacement(rows, log.reading, log.sigma, case, zero_columns(log.run), log.sigma[:: len(LEVELS)])
 
 
-def test_six_components_within_what_their_covariance_states() -> None:
+def test_errors_of_six_components_follow_their_covariance() -> None:
     total, freedom, off = 0.0, 0, []
     for seed in range(12):
         log = made_log(np.random.default_rng(seed), ALL_PAIRS)
@@ -90,7 +90,7 @@ def test_beams_off_the_axes_are_resolved_and_one_alone_is_not() -> None:
     assert list(np.flatnonzero(both.known[0])) == [2, 4]
 
 
-def test_readings_that_say_the_same_twice_are_averaged_and_judged() -> None:
+def test_readings_that_say_the_same_twice_are_averaged_and_assessed() -> None:
     rng = np.random.default_rng(4)
     chi_square, freedom, error = 0.0, 0, []
     for _ in range(200):

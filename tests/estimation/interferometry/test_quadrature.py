@@ -74,7 +74,8 @@ def test_phases_do_not_know_the_gain_and_the_offsets(gain: float, offset: tuple[
 
 
 def test_signals_exchanged_turn_the_other_way() -> None:
-    """Which signal leads is a convention: exchanged, the phase is pi/2 less itself, and the lag changes its sign."""
+    """The leading signal is a convention: after an exchange the phase is pi/2 minus itself, and the lag changes its
+    sign."""
     phase, seen = noisy(5, 360.0, channels=3)
     first, second = fit_ellipse(seen), fit_ellipse(seen[..., ::-1])
     assert_close(second.values, first.values[:, [1, 0, 3, 2, 4]], atol=1e-5)
@@ -226,7 +227,7 @@ def test_the_risk_is_the_share_that_goes_wrong(steady: bool) -> None:
         assert_between(float(wrong[some].sum()), expected - spread, expected + spread)
 
 
-def test_where_no_noise_is_left_every_count_is_right_and_none_doubtful() -> None:
+def test_with_little_noise_every_fringe_count_is_right_and_none_doubtful() -> None:
     rng = np.random.default_rng(3)
     sigma, step = 0.1, 2.0
     assert float(misstep_probability(step, sigma)) < 1e-6

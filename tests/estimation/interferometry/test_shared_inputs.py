@@ -85,7 +85,7 @@ def test_exchanged_rows_are_no_pattern() -> None:
 
 
 def test_outliers_of_one_run_alone_are_an_effect_of_that_run() -> None:
-    """A fault that lasts for a run is none of single readings; every fourth reading shows it."""
+    """A fault that persists over a run is none of single readings; every fourth reading shows it."""
     rng = np.random.default_rng(3)
     share = np.concatenate([np.linspace(0.0, 1.0, 11), np.linspace(0.9, 0.0, 10)])
     loads = np.zeros((6 * 21, 6))

@@ -99,7 +99,7 @@ def test_a_symmetric_ring_is_refused_and_its_rivals_are_named(angles, n_rivals):
     assert "symmetry" in found.remedy
 
 
-def test_one_target_off_the_symmetry_settles_a_ring_while_it_is_seen():
+def test_one_target_off_the_symmetry_determines_a_ring_while_it_is_seen():
     rng = np.random.default_rng(2)
     survey = np.r_[ring(np.arange(6) * np.pi / 3), [[0.02, 0.03, 0.05]]]
     cloud = moved(rng, survey)[0]

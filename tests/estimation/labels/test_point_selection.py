@@ -54,7 +54,7 @@ def test_points_excluded_by_a_person_stay_excluded(measured: np.ndarray) -> None
     assert np.argwhere(~_selection(measured, (2, 1)).kept).tolist() == [[2, 1]]
 
 
-def test_a_declared_noise_stands_where_a_point_carries_none() -> None:
+def test_the_declared_noise_holds_for_points_without_their_own() -> None:
     own = np.diag([1e-10, 2e-10, 3e-10])
     found = with_declared_noise(np.stack([own, np.zeros((3, 3)), np.full((3, 3), np.nan)]), 2e-5)
     assert np.array_equal(found, np.stack([own, *[np.eye(3) * 2e-5**2] * 2]))

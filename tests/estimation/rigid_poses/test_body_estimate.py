@@ -121,7 +121,8 @@ def test_the_shape_is_taken_from_poses_that_show_every_target_often() -> None:
 def test_poses_on_the_shape_of_some_are_those_of_all_within_the_noise_of_the_shape(
     flexing: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Twelve poses tell a place to sigma over root 12; what that moves all poses by is within their covariance."""
+    """Twelve poses determine a place to sigma over root 12; the common motion of all poses is within their
+    covariance."""
     rng = np.random.default_rng(6)
     poses, some = 120, 12
     shape = body(rng, TARGETS)

@@ -129,7 +129,7 @@ def test_missing_points_are_never_kept_and_may_be_nan():
     assert (kept == (true & mask)).all(-1).mean() >= 0.98
 
 
-def test_each_point_is_judged_by_its_own_sigma():
+def test_each_point_is_assessed_by_its_own_sigma():
     rng = np.random.default_rng(5)
     x, y, *_ = spoiled(rng, 200, 20, 0)
     sigma = np.full((200, 20), SIGMA)

@@ -179,7 +179,7 @@ def test_many_gross_errors_are_not_taken_for_noise():
     assert not kept[bad].any()
 
 
-def test_distances_tell_noise_that_nobody_declared():
+def test_distances_show_noise_that_nobody_declared():
     rng = np.random.default_rng(60)
     x, y, _, _, bad = campaign(rng, 200, 10, 1)
     assert sigma_from_distances(x, y, ~bad) == pytest.approx(SIGMA, rel=0.05)

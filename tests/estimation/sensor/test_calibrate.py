@@ -130,7 +130,7 @@ def test_mixing_the_channels_mixes_the_columns_back(seed):
         assert np.max(np.abs(two.matrix @ mix - one.matrix) / one.sigma) < 1e-3
 
 
-def test_weights_tell_sure_rows_from_unsure_ones():
+def test_weights_distinguish_sure_rows_from_unsure_ones():
     ratio = 0.0
     for seed in range(DRAWS):
         rng, toy, applied, case = _made(seed, signal=1e-9)

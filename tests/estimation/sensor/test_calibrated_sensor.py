@@ -70,7 +70,7 @@ def test_models_without_a_matrix_have_no_offset():
     assert _calibrated(5, FORWARD, is_tared=True)[1].offset is None
 
 
-def test_a_tared_sensor_counts_from_unloaded_signals_and_says_how_little_few_of_them_tell():
+def test_a_tared_sensor_counts_from_unloaded_signals_and_says_how_little_few_of_them_show():
     toy, calibrated = _calibrated(7, CalibrationModel("errors in both", "forward"), is_tared=True)
     zero = np.linspace(-1.0, 1.0, 6)
     true, signals = _new(toy, 8)

@@ -27,7 +27,7 @@ def _table(seed: int, bend: float = 0.0, cases: int = 16, steps: int = 4, **nois
     return toy.table(rng, applied, case, bend * (applied / RANGE) ** 2 @ rng.normal(size=(6, 6)))
 
 
-def test_predictions_miss_by_what_they_declare():
+def test_errors_of_predictions_follow_their_declared_sigma():
     squares, freedom = 0.0, 0.0
     for seed in range(5):
         for model in (LINEAR, replace(LINEAR, zero="case"), PLAIN):

@@ -139,7 +139,7 @@ def test_heavy_tails_are_no_exchanged_rows(draw):
 
 
 @pytest.mark.slow
-def test_an_exchange_that_is_larger_than_heavy_tails_is_found_beside_them():
+def test_an_exchange_that_is_larger_than_heavy_tails_is_found_next_to_them():
     table = _long_table(3, 6000, 0.02 * np.random.default_rng(4).standard_t(3, (6000, 6)))
     own = np.flatnonzero((table.case == 7) & (np.abs(table.loads).max(axis=1) > 50.0))
     axis = int(np.abs(table.loads[own[0]]).argmax())
@@ -161,7 +161,7 @@ def test_the_smallest_exchange_that_is_named_is_the_one_that_is_promised():
 
 
 def test_an_exchange_that_a_poor_calibration_hides_is_below_what_is_promised():
-    """Signals that hardly tell a component: rows of it that were exchanged pass, and the limit is above their loads."""
+    """If signals hardly determine a component, exchanged rows of it pass, and the limit is above their loads."""
     rng = np.random.default_rng(6)
     applied = 30.0 * rng.standard_normal((3000, 6))  # so that no curve tells loads better than a matrix
     signals = applied @ rng.standard_normal((6, 6))
@@ -187,7 +187,7 @@ def test_a_strongly_nonlinear_sensor_has_no_exchanged_rows():
     assert sum(len(exchanged_loads(_bent(seed, 2.0, 1.0))) for seed in range(8)) == 0
 
 
-def test_exchanged_rows_are_found_beside_clear_nonlinear_terms():
+def test_exchanged_rows_are_found_next_to_clear_nonlinear_terms():
     """The calibration has the terms that are clear, so that exchanged rows stand out from it as from a matrix."""
     for seed in range(3):
         table = _bent(seed, 0.05, 0.0)

@@ -92,7 +92,7 @@ def test_the_gain_over_the_nominal_is_reported_where_it_is_known():
     assert "100 times that of the chosen calibration" in lead
 
 
-def test_all_twelve_calibrations_stand_side_by_side_in_both_ways(sections):
+def test_all_twelve_calibrations_are_side_by_side_in_both_ways(sections):
     ours, theirs = (item for item in sections["calibration"].listings if "held out / noise" in item.heads)
     assert len(ours.rows) == len(theirs.rows) == 12
     assert [row[:3] for row in ours.rows if row[0]] == [
@@ -119,7 +119,7 @@ def test_bars_hold_the_mean_and_the_maximum_of_each_calibration(tables, sections
     assert [shape.x0 for shape in figure.layout.shapes] == pytest.approx([3.3, 6.4], rel=1e-12)
 
 
-def test_deviations_stand_in_a_row_per_kind_and_a_column_per_leg(tables, sections):
+def test_deviations_are_in_a_row_per_kind_and_a_column_per_leg(tables, sections):
     shown = listing(sections["calibration"], "Parameters of the 6-pus model with matrix deformation")
     assert shown.heads == ("parameter", *(f"leg {k}" for k in range(1, 7)))
     rows = {row[0].replace("\u00a0", " "): row[1:] for row in shown.rows}

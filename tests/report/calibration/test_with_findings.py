@@ -92,7 +92,7 @@ def test_an_applied_extended_model_is_the_main_calibration() -> None:
     assert main_calibration({"model_choice": applied}) == ("extended", "none")
 
 
-def test_errors_of_a_second_campaign_stand_beside_the_noise() -> None:
+def test_errors_of_a_second_campaign_are_next_to_the_noise() -> None:
     sizes = (
         ("nominal", "6-pus", 4000.0),
         ("calibrated", "6-pus matrix", 20.0),

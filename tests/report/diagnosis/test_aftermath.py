@@ -114,7 +114,7 @@ def test_a_parameter_of_an_accepted_cause_is_not_called_masked():
     assert {cells[0]: cells[3] for cells in part.listings[0].rows}["thermal expansion"] == "part of what was found"
 
 
-def test_the_whole_is_counted_beside_its_parts():
+def test_the_whole_is_counted_next_to_its_parts():
     table = made.detectable()
     whole = pd.DataFrame([("actuator-backlash", "", "backlash", 0.0008, "mm", 0.8)], columns=table.columns)
     part = part_of("hidden", diagnosis_tables() | {"detectable": pd.concat([whole, table], ignore_index=True)})
@@ -122,7 +122,7 @@ def test_the_whole_is_counted_beside_its_parts():
     assert reported["actuator backlash"] == ("the whole, 6 legs", "0.80 µm", "1.8 µm")
 
 
-def test_without_sizes_the_explanations_of_the_rejected_stand_in():
+def test_without_sizes_the_explanations_of_rejected_causes_are_shown():
     tables = diagnosis_tables()
     del tables["detectable"]
     part = part_of("hidden", tables)

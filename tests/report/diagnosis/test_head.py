@@ -125,7 +125,7 @@ def test_several_findings_are_numbered_and_their_gain_is_that_of_all():
     assert_says(text, "both", "lowers", "held-out poses", "34 µm", "5.5 µm")
 
 
-def test_the_gain_is_that_of_what_the_extended_model_holds() -> None:
+def test_the_gain_is_that_of_the_extended_model() -> None:
     weak = row("target-moved", subject="target P07", parameters=MOVED, verdict="suspected", reason_code="weak")
     found = row("actuator-gain", subject="leg3", parameters=GAIN_3)
     _, text = first_line(rows(found, weak | {"in_model": False}, *rejected()))

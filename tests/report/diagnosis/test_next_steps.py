@@ -46,7 +46,7 @@ def _planned(tables: Frames) -> Frames:
     return tables | {"next_poses": own.assign(sigma_now=0.5, sigma_expected=falls, unit="mm")}
 
 
-def test_needs_stand_in_their_order_whatever_the_order_of_findings() -> None:
+def test_needs_are_in_their_order_whatever_the_order_of_findings() -> None:
     sharp = row("platform-deformation-linear", **SHARPEN)
     rival = row("leg-drift", next_measurement="To tell it from leg-thermal, wait.", advice_kind="separate")
     idle = row("body-drift", "not testable", next_measurement="Measure at two temperatures.")
@@ -74,7 +74,7 @@ def test_an_undecided_requirement_leads_with_the_poses_that_decide_it() -> None:
     assert_says(text, "14 further measurements", "about 47 min", first.purpose)
 
 
-def test_the_words_of_a_planned_measurement_stand_once_on_the_page() -> None:
+def test_the_words_of_a_planned_measurement_appear_once_on_the_page() -> None:
     tables = _planned(_tables(row("platform-deformation-linear", **SHARPEN)))
     steps = [step for step in _steps(tables) if step.figures]
     assert {step.need for step in steps} == {Need.REQUIREMENT, Need.PRECISION}
@@ -110,7 +110,7 @@ def test_without_requirements_and_findings_nothing_is_invented() -> None:
     assert len(next_measurements_frame([])) == 0
 
 
-def test_a_suspected_finding_comes_after_what_tells_whether_the_model_holds() -> None:
+def test_a_suspected_finding_comes_after_what_shows_whether_the_model_holds() -> None:
     doubted = row("leg-drift", "suspected", reason_code="inadequate", next_measurement="Return to one pose.")
     steps = _steps(_tables(doubted, tests=adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))))
     rivals = [step for step in steps if step.need == Need.RIVAL]
@@ -133,7 +133,7 @@ STATED = {
 
 
 @pytest.mark.parametrize("test", STATED, ids="-".join)
-def test_each_test_that_fails_asks_for_what_would_tell_why(test: tuple[str, str]) -> None:
+def test_each_failed_test_asks_for_the_measurement_that_shows_why(test: tuple[str, str]) -> None:
     (reported,) = [
         step for step in _steps(_tables(tests=adequacy((*test, 2.0, 1e-9, "fails")))) if step.need == Need.RIVAL
     ]
@@ -155,7 +155,7 @@ def test_a_search_that_was_ended_asks_for_what_shows_the_cause_that_was_next() -
 
 
 @pytest.mark.parametrize("cause", ["target-moved", "unexplained", "of-a-lab"])
-def test_where_words_hang_on_more_than_the_name_of_the_cause_one_thing_changes_at_a_time(cause: str) -> None:
+def test_for_causes_with_inputs_the_next_step_changes_one_input_at_a_time(cause: str) -> None:
     ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
     ended = ended.assign(search_end="most-causes", left_cause=cause, left_subject="target B1")
     (reported,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
@@ -169,7 +169,7 @@ def test_errors_beyond_noise_that_no_test_explains_ask_for_repeats() -> None:
     assert [says(step.words, "one pose", "ten times") for step in reported] == [True]
 
 
-def test_errors_beyond_noise_stand_beside_tests_that_all_passed() -> None:
+def test_errors_beyond_noise_are_next_to_tests_that_all_passed() -> None:
     passed = adequacy(("observation-noise", "", 1.0, 0.5, "ok"))
     far = _tables(row("platform-deformation-linear", rms_after=30.0, heldout_rms_after=30.0), tests=passed)
     near = _tables(row("platform-deformation-linear"), tests=passed)
@@ -181,13 +181,13 @@ def test_errors_beyond_noise_stand_beside_tests_that_all_passed() -> None:
 
 
 def test_noise_that_was_found_asks_for_repeats_once() -> None:
-    noise = row("unexplained", reason_code="noise", next_measurement="Measure one pose ten times over.", **NOISE)
+    noise = row("unexplained", reason_code="noise", next_measurement="Measure one pose ten times.", **NOISE)
     steps = _steps(_tables(noise, tests=adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))))
     (rival,) = [step for step in steps if step.need == Need.RIVAL]
     assert_says(rival.words, "one pose", "ten times")
 
 
-def test_one_measurement_for_several_findings_stands_once() -> None:
+def test_one_measurement_for_several_findings_is_listed_once() -> None:
     same = [row("body-deformation", subject=f"body{k}", next_measurement="Move a drive.") for k in range(2)]
     assert [step.words for step in _steps(_tables(*same)) if step.need == Need.PRECISION] == ["Move a drive."]
 
@@ -221,7 +221,7 @@ def test_a_kind_of_cause_is_untested_only_where_no_subject_of_it_was_tested() ->
     assert all(mark != "next" for mark, _ in build_head("c", tables).verdicts if len(_steps(tables)) == len(untested))
 
 
-def test_totals_stand_above_each_table() -> None:
+def test_totals_are_above_each_table() -> None:
     (listing,) = part_of("next", _planned(_tables(row("platform-deformation-linear", **SHARPEN)))).listings
     assert_says(listing.caption, PLAN, "5 configurations", "91 measurements in all")
     assert listing.heads[:2] == ("pose", "times")

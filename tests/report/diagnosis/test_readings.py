@@ -63,7 +63,7 @@ def test_the_panels_are_those_that_are_missed_most(tables, gain):
     assert np.abs(unloading.x).max() == 6000.0
 
 
-def test_loads_at_once_stand_in_one_column_and_the_panels_are_those_that_go_with_the_load(tables):
+def test_loads_at_once_are_in_one_column_and_the_panels_are_those_that_go_with_the_load(tables):
     readings = tables["readings"].copy()
     readings["fx_n"] += np.where(
         readings["fz_n"] != 0.0, 500.0 * np.random.default_rng(3).choice([-1, 1], len(readings)), 0
@@ -94,7 +94,7 @@ def test_the_table_holds_each_channel(tables, gain):
     assert float(line["largest after"]) == pytest.approx(own["missed_after"].abs().max(), rel=0.005)
 
 
-def test_runs_that_were_held_out_stand_by_themselves():
+def test_held_out_runs_are_shown_by_themselves():
     part = part_of("gain", bench_tables(held=4, signals=0))
     names = [line[0] for line in part.listings[0].rows]
     assert "dx, fitted runs" in names
@@ -159,7 +159,7 @@ def test_nothing_found_is_reported_unit_by_unit():
     assert {trace.name for trace in part.figures[1][0].data if trace.name} == {"simulation without changes"}
 
 
-def test_components_of_one_cause_stand_in_one_line():
+def test_components_of_one_cause_are_in_one_line():
     tables = bench_tables()
     both = tables["detectable"].query("cause == 'load-eccentricity'").iloc[:1]
     tables["detectable"] = both.assign(parameter="offset_y offset_z", size=0.3, subject="load fx")
@@ -184,7 +184,7 @@ def test_a_single_run_is_left_out_by_load_steps():
     assert "Runs" not in alone.fitted_or_not
 
 
-def test_measured_tells_loads_channels_and_surroundings(tables):
+def test_measured_shows_loads_channels_and_surroundings(tables):
     section = measured(tables)
     assert_says(section.lead, f"{RUNS * len(LEVELS)} load steps", f"{RUNS} runs", "9.4 h", "one load")
     assert_says(section.lead, "dx, dz, rx, ry", "one in each", "6 signals", "v1 to v6")
@@ -265,7 +265,7 @@ def test_names_of_runs_stay_text():
         assert "</" not in script
 
 
-def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_along():
+def test_the_loads_to_apply_next_are_in_a_row_per_run_with_all_steps_to_take_along():
     levels = [0.0, 5000.0, 10000.0, 5000.0, 0.0]
     loads = dict.fromkeys(("fx_n", "fy_n", "mx_nm", "my_nm", "mz_nm"), 0.0)
     steps = [

@@ -91,7 +91,7 @@ def test_residuals_beyond_the_noise_fail_the_check(after, state):
 
 @pytest.mark.parametrize(("after", "state"), [(7.9, "ok"), (10.0, "attention"), (20.0, "fails")])
 def test_more_than_noise_where_it_was_fitted_is_an_incomplete_picture(after, state):
-    """What was held out is missed by uncertain parameters too, what was fitted to is not."""
+    """Uncertain parameters raise the errors of held-out poses, but not those of fitted ones."""
     tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, rms_after=after)))
     assert state_of("gain", tables) == state
 
@@ -182,7 +182,7 @@ def test_the_table_of_gains_holds_the_roots_of_mean_squares_within_their_interva
     assert own["rms_before"].min() < low < expected < high < own["rms_before"].max()
 
 
-def test_plain_calibrations_stand_beside_the_extended_one():
+def test_plain_calibrations_are_next_to_the_extended_one():
     tables = diagnosis_tables()
     extended = tables["accuracy"].query("model == '6-pus' and deformation == 'matrix'")
     tables["accuracy"] = pd.concat([tables["accuracy"], extended.assign(model="extended")], ignore_index=True)
@@ -232,7 +232,7 @@ def test_text_counts_and_unknown_sigmas_are_reported_as_they_are():
     assert reported == {"driver": "temperature_c", "bowl": "1 µm/K", "from_pose": "23"}
 
 
-def test_parts_stand_in_the_order_in_which_they_are_read():
+def test_parts_are_in_the_order_in_which_they_are_read():
     tables = diagnosis_tables() | {"changes": made.changes()}
     order = ["diagnosis", "evidence", "gain", "sizes", "pulls", "swallowed", "hidden", "next", "changes"]
     parts = parts_of(tables)
@@ -327,7 +327,7 @@ def test_a_matrix_of_many_legs_is_drawn_without_numbers():
     assert not figure.data[0].texttemplate
 
 
-def test_numbers_of_effects_stand_among_those_of_the_extended_model():
+def test_numbers_of_effects_are_among_those_of_the_extended_model():
     tables = diagnosis_tables()
     fitted = tables["calibration"]
     own = fitted.query("model == '6-pus' and deformation == 'none'").assign(model="extended", effect_of=None)

@@ -27,12 +27,12 @@ def test_the_units_of_a_torque_are_exchanged_and_those_of_a_force_driven_one_by_
 
 
 def test_lines_of_action_that_lie_apart_are_measured_at_the_stand():
-    """The data tell how far apart they are, and not which one is off the axis."""
+    """The data show the distance between them, but not which one is off the axis."""
     forms = {"components": ("z",), "forms": ("", "_asymmetry")}
     claim = Claim(cause="load-imbalance", subject="load fx", settings=forms)
     advice = BENCH["load-imbalance"].advice(claim)
     assert_says(advice, "positive and of negative fx pass along y")
-    assert_says(advice, "only signals are recorded", "do not tell which")
+    assert_says(advice, "only signals are recorded", "do not show which")
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_larger_noise_is_no_further_effect() -> None:
 
 
 @pytest.mark.parametrize("found", [[], [DOUBTED | {"reason_code": "inadequate"}]])
-def test_where_the_model_does_not_hold_the_first_line_says_so_and_by_what(found: list[dict[str, object]]) -> None:
+def test_a_rejected_model_is_reported_in_the_first_line_with_its_test(found: list[dict[str, object]]) -> None:
     assert reason(rows(*found, *rejected()), FAILS) == ReasonCode.LACK_OF_FIT
     mark, text = head(rows(*found, *rejected()), FAILS)
     assert mark == "warn"
@@ -264,7 +264,7 @@ def test_suspected_causes_report_the_effects_that_explain_as_much() -> None:
     assert "Also, " in head(rows(DOUBTED, REMAINDER, *rejected()), HOLDS)[1]
 
 
-def test_what_the_findings_explain_in_part_is_not_reported_as_missing_from_the_model() -> None:
+def test_a_dependence_explained_in_part_is_not_reported_as_missing_from_the_model() -> None:
     partial = REMAINDER | {"settings": json.dumps({PARTLY_BY_FINDINGS: True})}
     _, one, *_ = assessed_causes({"diagnosis": rows(DOUBTED, partial, *rejected())})
     assert not one.is_conditional

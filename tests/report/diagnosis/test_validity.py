@@ -49,7 +49,7 @@ def test_odds_are_reported_except_those_near_one(gain: float, words: str) -> Non
     assert words in one
 
 
-def test_without_blocks_the_page_cannot_tell_and_says_what_to_measure() -> None:
+def test_without_blocks_the_page_says_what_to_measure() -> None:
     (points,), (readings,) = said(left_out_by="none"), said(READINGS, left_out_by="none")
     for one in (points, readings):
         assert_says(one, "Not cross-validated", "actuator gain (leg 3)")

@@ -13,7 +13,7 @@ from truing.report.tables import WHY_NOT, untested_sections
 from truing.report.verdict import section_verdicts
 
 
-def test_accuracy_and_reversal_of_an_axis_stand_at_the_top():
+def test_accuracy_and_reversal_of_an_axis_are_at_the_top():
     rows = [("X", "B", "25 mm", 0.5), ("X", "A", None, 2.5197), ("X", "B", None, 0.59), ("X", "R", None, 0.8)]
     table = pd.DataFrame(rows, columns=["run", "figure", "subject", "value"]).assign(unit="um")
     alone = build_head("stage", {"positioning": table})

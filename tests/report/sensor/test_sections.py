@@ -87,7 +87,8 @@ def test_calibration_gives_the_choice_and_the_matrix(tables):
 
 
 def test_scatter_that_a_fit_learned_from_its_residuals_is_not_called_noise(tables):
-    """What a linear model lacks is in its residuals: agreement with them is no agreement with the signals' noise."""
+    """Residuals contain what a linear model lacks: agreement with them is no agreement with the noise of the
+    signals."""
     choice = tables["sensor_choice"].copy()
     learned = choice["model"].str.startswith("least squares")
     name = choice.loc[learned, "model"].iloc[0]
@@ -102,7 +103,7 @@ def test_scatter_that_a_fit_learned_from_its_residuals_is_not_called_noise(table
         assert_says(sentence, "% of the largest load")
 
 
-def test_gross_readings_stand_among_what_was_left_out(tables):
+def test_gross_readings_are_among_what_was_left_out(tables):
     section = excluded(tables)
     count = int(tables["reading_residuals"]["rejected"].sum())
     assert f"{count} reading" in section.lead

@@ -79,7 +79,7 @@ def test_periods_that_even_steps_do_not_distinguish_are_marked() -> None:
     assert reported.sigma == reported.value
 
 
-def test_uneven_commands_tell_periods_below_their_step() -> None:
+def test_uneven_commands_distinguish_periods_below_their_step() -> None:
     """ISO 230-2 asks for uneven targets for this; a longer wave that nearly equals it would be one of many names."""
     uneven = np.linspace(0.0, 0.4, 61) + np.random.default_rng(1).uniform(-2e-3, 2e-3, 61)
     found = [c for c in AxisScene(AXIS, _rows(uneven)).candidates(AxisPeriodicError()) if c.element == "load"]

@@ -48,6 +48,6 @@ def test_rows_without_a_recorded_direction_go_on_from_the_rows_before(unknown: f
     assert _rows(np.array([0.0, 1.0, 2.0, 2.0, 2.0, 3.0]), recorded).direction.tolist() == [1, 1, 1, -1, -1, 1]
 
 
-def test_a_scatter_of_the_command_is_no_movement_beside_a_recorded_direction() -> None:
+def test_a_scatter_of_the_command_is_no_movement_next_to_a_recorded_direction() -> None:
     command = UP_AND_DOWN + 1e-4 * np.array([0, 1, -1, 1, -1, 1])
     assert _rows(command, SIDES, least=1e-3).direction.tolist() == SIDES.tolist()

@@ -217,7 +217,7 @@ def test_an_effect_is_what_its_formula_says(name: str) -> None:
         (LoadEccentricity("mz"), "force_z", 5, 2),
     ],
 )
-def test_free_gains_take_up_a_ratio_of_loads_with_its_effect_on_load_errors(
+def test_free_gains_absorb_a_ratio_of_loads_with_its_effect_on_load_errors(
     cause: Cause, parameter: str, axis: int, brought: int
 ) -> None:
     """Gains A under loads F give the signals of gains A / (1 + R) under loads (1 + R) F, whatever errors F has."""

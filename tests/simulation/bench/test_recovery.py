@@ -47,7 +47,7 @@ def read(
     seed: int = 3,
     noisier: NDArray | float = 1.0,
 ) -> Epochs:
-    """What the bench reads where its sensor is as designed, but for a cause and for noise that is larger in places."""
+    """Readings of the bench with a nominal sensor, a cause, and noise that may be larger in places."""
     model = own.model(*([cause] if cause else []))
     shared = np.zeros(model.shared_size)
     if cause:
@@ -62,7 +62,7 @@ def read(
 
 @cache
 def searched(name: str, seed: int = 3) -> CauseDiagnosis[ReadingCause]:
-    """What a search over the whole catalogue finds where one of the causes is hidden; of no name none is."""
+    """Diagnosis by the whole catalogue with one hidden cause; no hidden cause for an empty name."""
     own = bench()
     cause, values = HIDDEN.get(name, (None, []))
     search = CauseSelection(own.model(), read(own, cause, values, seed), None, SETTINGS)

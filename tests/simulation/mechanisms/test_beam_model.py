@@ -26,7 +26,7 @@ MODEL, ARC = BeamModel(), BeamModel("beam, exact arc", arc_distance)
 
 
 def _shift_um(machine: Machine, model: BeamModel = MODEL) -> np.ndarray:
-    """How much readings move for the flexures at the poses of table 3."""
+    """Change of the readings by the flexures at the poses of table 3, µm."""
     rho = machine.legs.rho0 + TABLE_3
     reached = forward(machine.legs, rho)
     asked = readings_at(model, machine, reached.p, reached.R)
@@ -80,7 +80,7 @@ def test_the_shift_grows_with_the_flexures_and_the_square_of_the_bend() -> None:
     assert_close(longer, 2 * plain, atol=1e-3 * np.abs(plain).max(), what="twice as long, um")
 
 
-def test_the_circle_stands_for_the_arc_to_a_tenth_of_a_nanometre() -> None:
+def test_the_circle_replaces_the_arc_to_a_tenth_of_a_nanometre() -> None:
     """l_b (1/432 + 1/80) of the fourth power of at most 1.3 degrees, at both ends of a leg."""
     machine = flexure_telescope()
     apart = np.abs(_shift_um(machine) - _shift_um(machine, ARC)).max()

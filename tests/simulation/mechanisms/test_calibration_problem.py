@@ -123,7 +123,7 @@ def test_shifts_in_the_plane_are_those_of_the_moved_attachments() -> None:
     assert_close(found.R, problem.R, atol=1e-12)
 
 
-def test_values_of_shifts_in_the_plane_stand_where_their_names_say() -> None:
+def test_values_of_shifts_in_the_plane_are_where_their_names_say() -> None:
     problem = _bent_in_its_plane("6-pus")
     assert problem.nominal.in_plane is not None
     values = dict(zip(problem.parameters.labels, problem.start, strict=True))

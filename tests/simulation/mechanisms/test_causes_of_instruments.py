@@ -104,7 +104,7 @@ def test_derivatives_hold_with_labels_exchanged_and_all_effects_at_once() -> Non
     _assert_exact(model, range(0, model.shared_size, 5))
 
 
-def test_amplitude_pitch_and_phase_are_reported_as_the_sine_that_they_stand_for() -> None:
+def test_amplitude_pitch_and_phase_are_reported_as_the_sine_that_they_define() -> None:
     cause = PeriodicError((2, 5), 0.8, 300.0, free=True)
     size, phase = np.array([3e-6, 5e-6]), np.array([0.4, -2.0])
     waves = np.stack([size * np.cos(phase), size * np.sin(phase)], -1).ravel()

@@ -67,7 +67,7 @@ STACKED = (
 
 
 class LowerJointsFollowHeight(PointCause):
-    """A cause of nobody's catalogue that says nothing of what it reads, but of course reads everything."""
+    """A cause outside the catalogue without declared inputs, which may read all of them."""
 
     id = "lower-joints-follow-everything"
     step = Step.STRUCTURE
@@ -154,7 +154,7 @@ def test_uniform_thermal_expansion_is_a_scale_of_the_measurement() -> None:
     none, local = np.zeros(model.shared_size), np.zeros((3, model.local_size))
     warm = none.copy()
     warm[model.layout[ThermalExpansion().key]] = 1.0  # ten times 1e-5 / K
-    scale = 1 + 1e-4 * model.state(none, local).heat
+    scale = 1 + 1e-4 * model.state(none, local).temperature_rise
     seen = model.points(warm, local)
     assert_close(seen, model.points(none, local) * scale[:, None, None], atol=1e-14, what="points, m")
 

@@ -50,7 +50,7 @@ def test_every_cause_comes_back_and_predicts_the_same(cause: Cause) -> None:
         assert_close(after.covariance, before.covariance, atol=1e-9 * np.abs(before.covariance).max(), what="cov")
 
 
-def test_people_read_the_parameters_as_the_tables_tell_them() -> None:
+def test_parameters_of_model_toml_are_those_of_the_tables() -> None:
     cause = next(one for one in OFFERED if one.id == "actuator-periodic-error" and getattr(one, "free", False))
     effect = tomllib.loads(write_model(made_model(np.random.default_rng(4), (cause,))))["effects"][0]
     assert {name.partition("_")[0] for name in effect["parameters"]} == {"amplitude", "phase", "pitch"}
@@ -116,7 +116,7 @@ def _thinned(model: MechanismModel) -> MechanismModel:
 
 @pytest.mark.slow
 def test_predicted_covariance_is_that_of_drawn_models() -> None:
-    """Draw unknowns and readings from what the model says of them; the poses scatter as it says."""
+    """Poses scatter by the predicted covariance if unknowns and readings are drawn from the model."""
     rng = np.random.default_rng(3)
     made = made_model(rng)
     conditions = some_conditions(rng, poses=2)

@@ -39,7 +39,7 @@ class Pulley(Ups):
         return self._cable(h)[0] - legs.l
 
     def close(self, legs: Legs, upper: NDArray, rho: NDArray) -> tuple[NDArray, NDArray]:
-        """What is paid out, less what the way takes."""
+        """Cable paid out, less the length of its path."""
         way, along = self._cable(upper - legs.a)  # the pulley swivels and turns freely: no work but along the cable
         return legs.l + rho - way, -along
 

@@ -194,7 +194,7 @@ def test_unknowns_and_geometry_are_two_ways_to_say_the_same(model: MechanismMode
     assert_close(back[kept], shared[kept], atol=1e-9, what="unknowns, prior sigmas")
 
 
-def test_flexures_are_straight_where_the_machine_stands_at_its_reference_and_not_where_its_drawing_does() -> None:
+def test_flexures_are_straight_at_the_reference_of_the_machine_and_not_of_its_drawing() -> None:
     model = sample_model(np.random.default_rng(8), 5, (FlexureShift(),))
     shared, local = np.zeros(model.shared_size), np.zeros((5, model.local_size))
     for name in ("a", "b", "l"):
@@ -207,7 +207,7 @@ def test_flexures_are_straight_where_the_machine_stands_at_its_reference_and_not
     assert_close(found.R, expected.R, atol=1e-12, what="rotation")
 
 
-def test_where_flexures_are_straight_follows_the_geometry_in_derivative_too() -> None:
+def test_derivatives_by_geometry_include_the_reference_directions_of_flexures() -> None:
     rng = np.random.default_rng(10)
     model = sample_model(rng, 3, (FlexureShift(), LINEAR))
     shared, local = 0.3 * rng.standard_normal(model.shared_size), 0.3 * rng.standard_normal((3, model.local_size))

@@ -50,7 +50,7 @@ class ArmConditions:
 
 @dataclass(frozen=True)
 class ArmScene(Scene["JointGain"]):
-    """What a campaign of an arm offers to causes."""
+    """Inputs for the causes of an arm."""
 
     conditions: ArmConditions
     shape: NDArray
@@ -170,7 +170,7 @@ class ArmModel(EffectsModel[JointGain]):
 
 
 def diagnosed(gain: float, seed: int = 4) -> CauseDiagnosis:
-    """What a search says of a drawn campaign whose second joint has a gain; the frame of measurement is the base's."""
+    """Diagnosis of a drawn campaign with a gain of the second joint; the frame of measurement is the base's."""
     rng = np.random.default_rng(seed)
     readings, lengths = rng.uniform(-1.0, 1.0, (POSES, JOINTS)), rng.normal(size=JOINTS)
     return searched(epochs_of(readings, lengths, [0.0, gain, 0.0], rng), None)
@@ -198,7 +198,7 @@ def searched(calibration: Epochs, held_out: Epochs | None) -> CauseDiagnosis:
 
 
 def of_two_gains(elsewhere: Sequence[float] = (1e-4, 3e-4, 0.0)) -> CauseDiagnosis:
-    """What a search says of a campaign with two gains; ``elsewhere``: gains (3,) in held-out epochs."""
+    """Diagnosis of a campaign with two gains; ``elsewhere``: gains (3,) in held-out epochs."""
     rng = np.random.default_rng(4)
     lengths = rng.normal(size=JOINTS)
     both = (
@@ -241,7 +241,9 @@ def test_a_search_that_was_ended_says_so_and_what_is_left(monkeypatch: pytest.Mo
     assert (row["left_cause"], row["left_subject"]) == ("joint-gain", "joint2")
 
 
-def test_where_nothing_real_is_left_no_limit_ends_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_without_real_candidates_is_complete_beyond_the_limit_of_causes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 1)
     assert diagnosed(2e-4).end.is_complete
 

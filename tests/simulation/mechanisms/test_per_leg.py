@@ -15,7 +15,7 @@ def narrowed(legs: tuple[int, ...], gains: list[float], sigma: float) -> tuple[i
 
 
 @pytest.mark.parametrize("found", [(3, 4), (1, 3, 6), ()])
-def test_legs_that_do_nothing_beside_a_large_effect_are_left_out(found: tuple[int, ...]) -> None:
+def test_legs_that_do_nothing_next_to_a_large_effect_are_left_out(found: tuple[int, ...]) -> None:
     gains = [0.2 if leg == 3 else 4e-4 for leg in found or range(1, 7)]
     assert narrowed(found, gains, 7e-4) == (3,)
 

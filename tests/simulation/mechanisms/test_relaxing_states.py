@@ -15,7 +15,7 @@ READINGS = np.column_stack(
 
 
 def _recovery(readings: NDArray, tau: float) -> NDArray:
-    """What a spring and a damper in series hold at each pose, by small steps of time along even movements."""
+    """State of a spring and a damper in series at each pose, by small time steps along even movements."""
     fine = np.linspace(TIME[0], TIME[-1], 200_001)
     path, step = np.interp(fine, TIME, readings), fine[1] - fine[0]
     held = np.zeros_like(fine)

@@ -20,7 +20,7 @@ POSES = 24
 
 
 def ray_poses(seed: int) -> RayPoses:
-    """24 poses, in each of which the rays tell the numbers a little together."""
+    """24 poses whose rays determine the numbers with small correlations."""
     rng = np.random.default_rng(seed)
     mixed = np.triu(0.3 * rng.normal(size=(POSES, len(NUMBERS), len(NUMBERS))), 1) + np.eye(len(NUMBERS))
     root = mixed / SIGMAS
@@ -45,7 +45,7 @@ def ray_poses(seed: int) -> RayPoses:
 
 
 def measured_epochs(rays: RayPoses, off: NDArray, seed: int) -> Epochs:
-    """What rays tell where the numbers (B, T) are off by so many of their scales."""
+    """Epochs measured by rays, with numbers (B, T) off by given multiples of their scales."""
     noise = np.random.default_rng([seed, 1]).standard_normal(rays.root.shape[:2])
     values = np.einsum("bkt,bt->bk", rays.root, off) + noise * rays.is_observed
     measured = Observations(values[..., None], np.ones((*values.shape, 1, 1)), rays.is_observed)
@@ -53,5 +53,5 @@ def measured_epochs(rays: RayPoses, off: NDArray, seed: int) -> Epochs:
 
 
 def place(name: str) -> int:
-    """Where a number stands."""
+    """Index of a number."""
     return [number.called for number in NUMBERS].index(name)

@@ -70,7 +70,7 @@ def test_a_camera_that_jumps_is_reported_with_the_pose_and_by_how_much() -> None
 
 
 def test_a_camera_that_follows_the_temperature_is_reported_per_kelvin() -> None:
-    diagnosis = search(off_by("camera left y0", 0.5 * RAYS.heat))
+    diagnosis = search(off_by("camera left y0", 0.5 * RAYS.temperature_rise))
     assert found_causes(diagnosis) == [("camera-instability", "camera left")]
     assert isinstance(diagnosis.verdicts[0].cause, CameraInstability)
     assert diagnosis.verdicts[0].cause.form == "temperature"
@@ -86,7 +86,7 @@ def test_a_camera_that_differs_from_pose_to_pose_is_reported_by_its_scatter() ->
 
 
 def test_a_growing_bar_is_confounded_with_a_shrinking_second_bar() -> None:
-    diagnosis = search(off_by("bar S strain", 30.0 * RAYS.heat / 10.0))
+    diagnosis = search(off_by("bar S strain", 30.0 * RAYS.temperature_rise / 10.0))
     (verdict,) = (v for v in diagnosis.verdicts if v.verdict == "found")
     assert verdict.cause.id == "scale-bar-temperature"
     assert {verdict.cause.subject, *(subject for subject, _ in verdict.subjects)} == {"bar S", "bar T"}
@@ -95,7 +95,7 @@ def test_a_growing_bar_is_confounded_with_a_shrinking_second_bar() -> None:
 def test_errors_of_a_bar_refer_to_its_certificate() -> None:
     # A long way above the reference all the time: its mean strain went into the adjusted length.
     warm = replace(RAYS, reference_temperature_c=10.0)
-    strain = 3e-5 * warm.heat
+    strain = 3e-5 * warm.temperature_rise
     mean = float(strain.mean())
     numbers = tuple(replace(n, mean=-mean) if n.called == "bar S strain" else n for n in NUMBERS)
     rays = replace(warm, parameters=numbers)

@@ -65,7 +65,7 @@ def test_fitted_coefficients_are_the_true_ones(bent: dict[str, pd.DataFrame]) ->
     assert low < squares.sum() < high
 
 
-def test_what_the_deformation_stage_determined_is_not_called_unidentifiable(bent: dict[str, pd.DataFrame]) -> None:
+def test_a_deformation_determined_by_its_stage_is_not_called_unidentifiable(bent: dict[str, pd.DataFrame]) -> None:
     rows = bent["observability"].query("deformation == 'in-plane'")
     sigma = rows[(rows["figure"] == "sigma") & rows["combination"].str.startswith("Kx", na=False)]
     assert len(sigma) == 36

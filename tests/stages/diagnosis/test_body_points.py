@@ -39,7 +39,7 @@ def test_a_reference_that_hardly_moves_stands_still_and_the_frame_is_not_fitted(
     assert_between(float(size[:3].mean()), 0.6e-5, 1.4e-5, what="jitter, m (1e-5 drawn)")
 
 
-def test_where_the_frame_changes_from_pose_to_pose_no_body_stands_still(tmp_path: Path) -> None:
+def test_no_body_is_stationary_if_the_frame_changes_from_pose_to_pose(tmp_path: Path) -> None:
     free = Layout(bodies=(Body("tool", 5), Body("base", 5)), poses=12)
     found = _gathered(tmp_path / "c", free, more='\n[bodies]\nreference = "base"\n')
     assert not found.model.known.is_stationary.any()

@@ -115,7 +115,7 @@ def test_every_candidate_has_its_clause_and_its_advice(cause):
             assert name in said
 
 
-def test_exchanged_rows_say_whether_loads_or_signals_stand_in_the_wrong_one():
+def test_exchanged_rows_say_whether_loads_or_signals_are_in_the_wrong_one():
     loads, signals = (clause(claim_of(kind(ROWS, ("fz",)), 0)) for kind in (RowsExchanged, SignalsExchanged))
     assert ("loads" in loads, "signals" in loads) == (True, False)
     assert ("loads" in signals, "signals" in signals) == (False, True)

@@ -40,12 +40,12 @@ BESIDE = Attributed((V5,), ("fy_n", "mz_nm"), 0.012, 3.5e-5)
 ELSEWHERE = Attributed((V6,), ("fy_n",), 0.3, 1e-9)
 
 
-def test_what_a_found_effect_leaves_of_its_own_channel_is_no_finding_where_the_model_holds(
+def test_residuals_of_the_channel_of_a_found_effect_are_no_finding_if_the_model_holds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert _subjects(monkeypatch, 1.0, OWN, BESIDE, ELSEWHERE) == [("signal v6", "fy_n")]
     assert _subjects(monkeypatch, 1.0, BESIDE) == [("signal v5", "fy_n mz_nm")]
 
 
-def test_remaining_residuals_are_reported_where_the_model_does_not_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_remaining_residuals_are_reported_if_the_model_does_not_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _subjects(monkeypatch, 1e-6, OWN, BESIDE) == [("signal v5", "fy_n mz_nm")]

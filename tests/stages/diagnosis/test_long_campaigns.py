@@ -20,7 +20,7 @@ FEW = 30
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Diagnosed]:
-    """Diagnosis of a robot with a gain by at most so many calibration and held-out poses each."""
+    """Diagnosis of a robot with a gain by at most the given numbers of calibration and held-out poses."""
     folder = tmp_path_factory.mktemp("long") / "arm"
     write(draw(13, layout="scara", instrument="points-series", causes=("joint-gain",), poses=90, strength=30.0), folder)
     known: dict[int, Any] = {}

@@ -118,7 +118,7 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[FittedModel], P
     return stands, options[0], plan
 
 
-def test_the_loads_tell_apart_as_much_as_they_promise(
+def test_the_loads_distinguish_as_much_as_they_promise(
     soft: tuple[list[FittedModel], PossibleRuns, MeasurementPlan],
 ) -> None:
     """Both causes refitted to readings that are drawn with either of them: the odds that can be expected at least."""
@@ -188,7 +188,7 @@ def _log_odds(first: Fit, second: Fit) -> float:
     return float(both[0] - both[1])
 
 
-def test_a_cause_found_alone_keeps_its_own_words_beside_loads_that_narrow_it_down(case: Case) -> None:
+def test_a_cause_found_alone_keeps_its_own_words_next_to_loads_that_narrow_it_down(case: Case) -> None:
     reported = next_loads_of(case.alone, case.settings)
     rows = reported.table.to_pylist()
     assert {row["purpose"] for row in rows} == {"creep load fz: fraction"}

@@ -239,7 +239,7 @@ def test_without_a_workspace_they_lie_where_was_measured(case: Case, settings: C
     assert (found <= measured.max(0) + 1e-6).all()
 
 
-def test_rivals_that_no_pose_tells_apart_are_reported(settings: Campaign) -> None:
+def test_rivals_that_no_pose_distinguishes_are_reported(settings: Campaign) -> None:
     """A gain and a deformation differ only in where the attachments are: here no target sits on any."""
     rng = np.random.default_rng(12)
     model, _ = _plain(rng, {"time_s": np.linspace(0.0, SPAN_S, POSES)})
@@ -308,7 +308,7 @@ def _with(case: Case, **covariates: np.ndarray) -> Fitted:
 
 
 def test_a_movement_to_a_pose_is_as_large_as_movements_were_and_never_nothing(case: Case, settings: Campaign) -> None:
-    """Where one actuator moves at a time, most of them move by nothing."""
+    """If one actuator moves at a time, most last steps are zero; the proposed step is that of the moved ones."""
     alone = np.where(np.arange(6) == (np.arange(POSES) % 6)[:, None], 1.2345e-3, 0.0)
     still = np.zeros((POSES, 6))
     for steps, size in ((alone, 1.234e-3), (still, 0.0)):

@@ -26,7 +26,7 @@ SHIFT_MM = (0.3, -0.2, 0.1)
 
 @dataclass(frozen=True)
 class Seen:
-    """A campaign, what was gathered of it, and its columns and fitted poses in the order of what was gathered."""
+    """A campaign, the data compared by the diagnosis, and its columns and fitted poses in the same order."""
 
     campaign: Campaign
     gathered: DiagnosisData
@@ -115,7 +115,7 @@ def test_exchanged_labels_are_reported_by_body_targets_and_poses(seen: Seen) -> 
 
 
 def test_every_point_left_out_is_reported(seen: Seen) -> None:
-    """Those of the fit of poses stand in its residuals; all others are reported here, gross errors at attachments."""
+    """Those of the fit of poses are in its residuals; all others are reported here, gross errors at attachments."""
     isolated = {(point.pose, point.subject) for point in seen.gathered.isolated}
     targets, poses = seen.gathered.model.targets, seen.gathered.calibration.conditions.poses
     rows, columns = np.nonzero(seen.gross & ~seen.kept)

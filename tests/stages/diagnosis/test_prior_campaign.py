@@ -111,7 +111,9 @@ def test_a_leg_that_was_exchanged_is_named(home: Path, earlier: str) -> None:
     # A leg that stands upright on its actuator is as well longer as it stands higher.
     named = {name: row["instead"] for name, row in rows.items() if row["changed"]}
     assert named in ({"l5": "a_z5"}, {"a_z5": "l5"})
-    assert set(begun.left_out.removeprefix("what first knew of ").removesuffix(", changed since").split(" or ")) == {
+    assert set(
+        begun.left_out.removeprefix("information of first on ").removesuffix(", which changed since").split(" or ")
+    ) == {
         "l5",
         "a_z5",
     }
@@ -130,7 +132,7 @@ def test_a_corrected_effect_is_reported_as_changed(home: Path, earlier: str) -> 
 
 
 def test_a_survey_that_both_rest_on_is_counted_once(home: Path) -> None:
-    """What it says of the attachments is common to both campaigns, and nothing that the earlier one could hand on."""
+    """The attachments by the survey are common to both campaigns, so the prior does not contain them again."""
     first, same, other = (gathered(measured(home, seed, same_survey=seed != 7)) for seed in (5, 6, 7))
     found = read_model(model_text(fitted(first), "first"))
     common, own = (mechanism_prior(found, one.model) for one in (same, other))

@@ -40,7 +40,7 @@ FZ = Eccentricity("fz")
 
 @dataclass(frozen=True)
 class Machine:
-    """Where a campaign's own draws begin: the sensor is drawn from a seed of its own."""
+    """Seeds of a campaign; the sensor has a seed of its own."""
 
     seed: int
     built: int = 11
@@ -101,7 +101,7 @@ def test_persistent_causes_of_the_first_campaign_enter_the_second_and_are_not_fo
 def test_a_load_that_was_put_elsewhere_is_reported_as_a_change(home: Path, first: dict[str, Any]) -> None:
     folder = measured(home, 3, [LoadEccentricity(2, ELSEWHERE_M)], first["model"])
     started = assembled_data(run_line(folder, "ingest")[0], settings_of(folder))
-    assert started.left_out.endswith("what sensor knew of offset_x, changed since")
+    assert started.left_out.endswith("information of sensor on offset_x, which changed since")
     stand = Fitter(started.model, started.calibration, None, 0).prepared()
     table = changes_table(stand)
     assert table is not None

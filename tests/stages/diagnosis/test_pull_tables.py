@@ -36,7 +36,7 @@ def test_the_sum_of_pulls_returns_into_its_band(tables) -> None:
     assert extended["lower"] < extended["freedom"] < extended["upper"]
 
 
-def test_only_what_the_data_tell_has_a_pull(tables) -> None:
+def test_only_what_the_data_show_has_a_pull(tables) -> None:
     rows = tables["pulls"].to_pandas()
     assert (rows["pull_after"].notna() == rows["identifiable"]).all()
     assert rows["pull_after"].abs().max() < 4.5

@@ -59,6 +59,6 @@ def test_the_bars_are_as_wrong_as_points_would_show(line: tuple[dict[str, Any], 
 
 
 def _radius(points: Any) -> float:
-    """How far points are from their middle, root mean square, mm."""
+    """Rms distance of points from their mean, mm."""
     places = points[["x_mm", "y_mm", "z_mm"]].to_numpy()
     return float(np.sqrt(np.mean((places - places.mean(0)) ** 2)))

@@ -34,7 +34,7 @@ def _steps(read_under: np.ndarray, load: np.ndarray) -> RecordedSteps:
 
 
 @pytest.mark.parametrize("loads_are_right", [True, False])
-def test_readings_tell_whose_rows_were_exchanged(loads_are_right: bool) -> None:
+def test_readings_show_whose_rows_were_exchanged(loads_are_right: bool) -> None:
     load = np.random.default_rng(1).uniform(-5e3, 5e3, (6, 6))
     applied = load.copy()
     if not loads_are_right:

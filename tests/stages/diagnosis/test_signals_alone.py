@@ -106,7 +106,7 @@ def test_constant_loads_say_nothing_where_each_run_has_a_zero_of_its_own(rng):
 
 
 def drawn(**known):
-    """The sensor by its drawing, whose elements nobody gave."""
+    """The sensor by its drawing, without elements."""
     document = tomllib.loads(campaign_toml())
     del document["mechanism"]["elements"]
     return {**document, "signals": known}

@@ -91,7 +91,7 @@ def test_the_parts_of_the_fit_sum_to_its_covariance(folder: Path) -> None:
 
 
 def test_a_comparable_fit_keeps_the_noise_of_the_other_fit(folder: Path) -> None:
-    """What the fitter learns from a later fit changes no comparison with an earlier one."""
+    """Noise learned from a later fit changes no comparison with an earlier one."""
     campaign = open_campaign(folder)
     settings = campaign.validated()
     plan = chain_plan_of(chain_tables(campaign, settings), settings)

@@ -65,7 +65,7 @@ def test_without_a_survey_a_board_is_a_body() -> None:
 
 
 @pytest.mark.parametrize("named", [True, False])
-def test_circles_that_nothing_names_are_left_out_beside_named_points_and_a_fault_alone(
+def test_circles_that_nothing_names_are_left_out_next_to_named_points_and_a_fault_alone(
     named: bool, tmp_path: Path
 ) -> None:
     (tmp_path / "campaign.toml").write_text('[campaign]\nname = "x"\nkind = "photogrammetry"\n', encoding="utf-8")
@@ -92,7 +92,7 @@ def test_a_name_on_two_bodies_is_a_fault_that_names_it() -> None:
 
 
 @pytest.mark.parametrize("named", [True, False])
-def test_circles_of_screws_and_holes_are_left_out_beside_targets_with_codes_and_a_fault_alone(
+def test_circles_of_screws_and_holes_are_left_out_next_to_targets_with_codes_and_a_fault_alone(
     named: bool, tmp_path: Path
 ) -> None:
     reported = '[campaign]\nname = "x"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n'

@@ -97,7 +97,7 @@ def test_points_of_a_campaign_are_the_outside_instrument(tmp_path: Path) -> None
     assert np.allclose(np.diff(measured), 10.01)
 
 
-def test_points_beside_a_column_of_the_instrument_are_a_fault(tmp_path: Path) -> None:
+def test_points_next_to_a_column_of_the_instrument_are_a_fault(tmp_path: Path) -> None:
     folder = written(tmp_path, ",measured_mm")
     settings = settings_of(folder)
     with pytest.raises(CampaignFaults, match="points"):

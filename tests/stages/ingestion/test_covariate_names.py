@@ -106,7 +106,9 @@ def test_a_covariate_of_readings_and_one_of_signals_are_two_where_they_differ() 
 
 
 @pytest.mark.parametrize("name", ["order", "temp [C]"])
-def test_what_follows_a_covariate_is_reported_and_predicted_by_its_own_name(tmp_path: Path, name: str) -> None:
+def test_an_effect_of_a_covariate_is_reported_and_predicted_by_the_name_of_its_column(
+    tmp_path: Path, name: str
+) -> None:
     rng = np.random.default_rng(5)
     layout = Layout(
         name="small",

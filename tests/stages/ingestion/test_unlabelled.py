@@ -130,7 +130,7 @@ unit = "mm"
 
 
 def scanned_campaign(folder: Path, sizes: dict[str, float], noise_mm: float) -> Path:
-    """One PLY per pose and body: in pose k the mirror has turned by k x 0.02 rad about z and stands 300 mm up."""
+    """One PLY per pose and body: in pose k the mirror has turned by k x 0.02 rad about z, 300 mm up."""
     rng = np.random.default_rng(0)
     folder.mkdir()
     (folder / "campaign.toml").write_text(SCANS, encoding="utf-8")

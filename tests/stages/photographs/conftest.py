@@ -15,7 +15,7 @@ from truing.pipeline.in_memory import call_stage
 
 @pytest.fixture(scope="session")
 def adjusted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photographed, Path, dict[str, pa.Table]]:
-    """What was photographed, the campaign's folder, and every table of its line; not to be written to."""
+    """The photographed campaign, its folder, and every table of its line; not to be written to."""
     folder = tmp_path_factory.mktemp("rays") / "machine"
     photographed = photograph(folder)
     return photographed, folder, run_line(folder, *LINE)[0]

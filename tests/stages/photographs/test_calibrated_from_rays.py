@@ -48,7 +48,7 @@ def test_pose_and_shifts_scatter_together_as_handed_on(drawn: Tables) -> None:
 
 
 def test_poses_of_every_method_scatter_by_their_sigmas(drawn: Tables) -> None:
-    """What the survey brings is the same each time, and stated too: up to a third of a variance."""
+    """Errors of the survey are equal in all draws, though part of the stated variance: up to a third of it."""
     rows = drawn["poses"].to_pandas().query("body == 'platform'")
     assert set(rows["method"]) == {"umeyama", "haralick", "maximum_likelihood"}
     for _, found in rows.groupby("method"):

@@ -58,7 +58,7 @@ def test_a_camera_that_stayed_as_it_was_has_one_setting(plain: tuple[Path, dict[
 def test_one_pose_shows_whether_a_principal_distance_fits_all_photographs(
     tmp_path: Path, spread: float, verdict: str
 ) -> None:
-    """A lens that moves from photograph to photograph: no few of them stand out, and there is no other pose."""
+    """A lens that moves from photograph to photograph: no few photographs are the cause, and there is no other pose."""
     photograph(tmp_path / "rays", poses=1)
     rng, file = np.random.default_rng(2), tmp_path / "rays" / "image_points.csv"
     rays = pd.read_csv(file, dtype={"image": str})

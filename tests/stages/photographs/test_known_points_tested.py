@@ -29,7 +29,8 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
 
 
 def _run(plain: tuple[Path, dict[str, Any]], folder: Path, names: list[str], moved: dict[str, float]) -> dict[str, Any]:
-    """The campaign with known points of these names, some of them moved along y by so many mm in both poses."""
+    """The campaign with known points of these names, some of them moved along y by a given number of mm in both
+    poses."""
     shutil.copytree(plain[0], folder)
     points = plain[1]["object_points"].to_pandas()
     known = points[points["point"].isin(names)][["pose", "point", "x_mm", "y_mm", "z_mm"]].copy()

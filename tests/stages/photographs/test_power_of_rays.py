@@ -73,7 +73,7 @@ def test_nothing_but_scores_is_drawn(plan: RayPlan) -> None:
 
 @pytest.fixture
 def run(adjusted: Any, tmp_path: Path) -> Path:
-    """What a run has left."""
+    """Folder of a run."""
     folder = tmp_path / "run"
     folder.mkdir()
     for name in NEEDS:

@@ -56,7 +56,7 @@ def test_errors_of_relative_poses_agree_with_their_covariance(adjusted: Any) -> 
 
 
 def test_without_the_correlations_heights_would_be_stated_far_too_well(adjusted: Any) -> None:
-    """What cameras and bars do to all points alike is no noise that many points average out."""
+    """Errors of cameras and scale bars are common to all points, so the mean of many points does not reduce them."""
     _, folder, tables = adjusted
     alone = {name: table for name, table in tables.items() if name != "point_correlations"}
     found = call_stage("pose", alone, settings_of(folder)).artifacts["poses"]
@@ -181,7 +181,7 @@ def test_a_camera_that_jumps_is_reported(tmp_path: Path) -> None:
     assert "pose 3" in row["message"]
 
 
-def test_reference_lengths_tell_errors_of_length(tmp_path: Path) -> None:
+def test_reference_lengths_show_errors_of_length(tmp_path: Path) -> None:
     photograph(tmp_path / "lengths", poses=2)
     bars = tmp_path / "lengths" / "scale_bars.csv"
     header, first, second = bars.read_text(encoding="utf-8").splitlines()
@@ -315,7 +315,7 @@ def test_points_whose_scale_is_open_give_poses_only_where_a_person_accepts_it(tm
 
 
 def test_centres_of_ellipses_are_corrected_to_those_of_circles(tmp_path: Path) -> None:
-    """Rays as centres of ellipses of large circles: corrected, they fit as well as rays to the centres themselves."""
+    """Centres of ellipses of large circles, corrected, fit like the images of the circles' centres."""
     photographed = photograph(tmp_path / "circles", poses=1)
     folder = tmp_path / "circles"
     plain = run_line(folder, "images", "bundle")[0]

@@ -35,7 +35,7 @@ def photographed(seed: int) -> tuple[np.ndarray, PosePoints, np.ndarray]:
 
 
 def off(shape: np.ndarray, points: PosePoints, own: np.ndarray | None) -> float:
-    """How far the shape that was found is from the true one, wherever it lies, m."""
+    """Distance of the found from the true shape after a rigid fit, m."""
     found = fit_body(points, "plate", NO_SURVEY, None, None, own)
     assert not found.rejected.any()
     onto = umeyama(found.source, shape[None], np.ones((1, TARGETS)))

@@ -165,7 +165,7 @@ def test_a_slip_in_some_rows_fails_and_is_named(
     assert named in message
 
 
-def test_an_instrument_that_moved_is_named_with_the_pose_from_which_on_it_stood_elsewhere(tmp_path: Path) -> None:
+def test_a_moved_instrument_is_named_with_its_first_pose(tmp_path: Path) -> None:
     def moved(campaign: Path) -> None:
         table = pd.read_csv(campaign / "points.csv")
         late, place = table["pose"] > 40, ["x_mm", "y_mm", "z_mm"]

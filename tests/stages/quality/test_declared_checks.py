@@ -98,7 +98,7 @@ def test_limits_that_mean_nothing_are_faults(limits, expected):
 
 
 @pytest.mark.parametrize("kind", CHECKS)
-def test_the_declared_limits_stand_in_the_template_and_may_be_set(kind):
+def test_the_declared_limits_are_in_the_template_and_may_be_set(kind):
     table = {"photogrammetry": "points", "interferometer": "signals"}[kind]
     text = init_text(table)
     for name, limits in settable(kind).items():

@@ -36,7 +36,7 @@ def test_gross_errors_that_come_and_go_name_no_pose(share: float) -> None:
     assert "moved or replaced" not in _message(gross)
 
 
-def test_many_gross_errors_of_whole_poses_are_told_as_noisier_poses() -> None:
+def test_many_gross_errors_of_whole_poses_are_reported_as_noisier_poses() -> None:
     gross = np.zeros((POSES, TARGETS), bool)
     gross[3::5] = True
     gross[0, 1] = True

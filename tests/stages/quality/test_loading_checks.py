@@ -52,7 +52,7 @@ def test_a_good_campaign_passes(tmp_path, own_channel):
 
 
 @pytest.mark.parametrize("with_times", [False, True])
-def test_without_times_no_pause_and_no_drift_is_judged_and_no_span_is_reported(tmp_path, with_times):
+def test_without_times_no_pause_and_no_drift_is_assessed_and_no_span_is_reported(tmp_path, with_times):
     _, signals = measured(np.random.default_rng(3))
     times = {"time_s": 60.0 * np.arange(len(signals))} if with_times else {}
     write_campaign(tmp_path / "c", None, signals.assign(**times), campaign_toml())
@@ -260,7 +260,7 @@ def test_a_verdict_may_be_accepted_by_name(tmp_path):
     assert "units run 3 dz" not in said["qa"].failed_checks
 
 
-def test_signals_alone_are_judged_and_the_rest_is_reported_as_not_evaluated(tmp_path):
+def test_signals_alone_are_assessed_and_the_rest_is_reported_as_not_evaluated(tmp_path):
     def change(readings, signals):
         signals.loc[signals["run"] == 7, "load"] *= -1.0
         return None, signals

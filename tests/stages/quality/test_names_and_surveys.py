@@ -1,4 +1,4 @@
-"""A missing target under an unknown name is suggested, never renamed; later surveys are judged by moved targets."""
+"""A missing target under an unknown name is suggested, never renamed; later surveys are tested by moved targets."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_target_that_vanishes_and_an_unknown_at_its_place_are_suggested_to_be_
     assert "likely_names" not in tables
 
 
-def test_declared_repeats_are_judged_though_actuators_stood_elsewhere(folder):
+def test_declared_repeats_are_assessed_though_actuators_stood_elsewhere(folder):
     lines = (folder / "configurations.csv").read_text(encoding="utf-8").splitlines()
     of = [str(int(pose) - 100) if int(pose) > 100 else "" for pose in (line.split(",")[0] for line in lines[1:])]
     reported = [f"{lines[0]},repeat_of", *(f"{line},{name}" for line, name in zip(lines[1:], of, strict=True))]

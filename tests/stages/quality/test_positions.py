@@ -136,7 +136,7 @@ SLIPS: list[tuple[Slip, str, str, str]] = [
     (copied_ways, "copied-approaches", "fail", "forward in cycle 1 and backward in cycle 1"),
     (frozen, "copied-approaches", "fail", "from one target to another: target 75 mm forward in cycle 2"),
     (turned((3,)), "approach-directions", "fail", "in cycle 3 forward and backward are exchanged"),
-    (turned((1, 2, 3, 4, 5)), "approach-directions", "warn", "wherever forward is written"),
+    (turned((1, 2, 3, 4, 5)), "approach-directions", "warn", "forward and backward are exchanged"),
     (all_by(lambda row: row[3] + 2e-3 * row[2]), "position-drift", "warn", "of their differences between cycles."),
 ]  # fmt: skip
 
@@ -185,7 +185,7 @@ def test_good_runs_of_every_size_are_silent():
     assert reported == []
 
 
-def test_deviations_smaller_than_light_tells_in_air_are_likely_in_another_unit():
+def test_deviations_too_small_for_light_in_air_are_likely_in_another_unit():
     rows = [[target, way, cycle, target + 4e-4 * (at - target)] for target, way, cycle, at in approaches()]
     verdict, said = verdicts(rows)["positions-against-targets"]
     assert verdict == "warn"

@@ -65,7 +65,7 @@ def test_a_passed_scale_check_names_what_it_was_compared_with(check: Check, word
     assert check.verdict == "pass"
 
 
-def test_sizes_tell_another_unit() -> None:
+def test_sizes_show_another_unit() -> None:
     assert [check.verdict for check in target_sizes(figures(), LIMITS)] == ["not evaluated"]
     reported = figures(("size over stated", "circles", 1.04), ("size over stated", "markers", 1 / 25.4))
     circles, markers = target_sizes(reported, LIMITS)

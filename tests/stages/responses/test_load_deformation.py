@@ -36,7 +36,7 @@ def test_entries_are_the_true_ones_within_their_sigma(tmp_path):
         assert _figures(one, "matrix")["agreement_p_value", None] > 1e-3
 
 
-def test_an_eccentric_load_shows_in_what_it_turns_and_nowhere_else(eccentric):
+def test_an_eccentric_load_changes_only_responses_to_that_load(eccentric):
     rows = eccentric.frame("compliance").query("model == 'matrix'")
     differs = set(zip(*(rows.loc[rows["verdict"] == "differs", name] for name in ("response", "load")), strict=True))
     assert {("rx", "fz"), ("ry", "fz")} <= differs
@@ -53,7 +53,7 @@ def test_every_model_has_its_errors_of_what_was_held_out(eccentric):
     assert abs(matrix["noise_ratio", None] - 1.0) < 0.1
 
 
-def test_curves_have_the_simulation_beside_the_measurement(eccentric):
+def test_curves_have_the_simulation_next_to_the_measurement(eccentric):
     curves = eccentric.frame("axis_curves")
     own = curves[(curves["load"] == "fz") & (curves["channel"] == "dz")]
     assert set(own["branch"]) == {"unloaded", "loading", "unloading"}

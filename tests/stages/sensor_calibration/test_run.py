@@ -81,7 +81,7 @@ def test_requirements_compare_the_errors_of_whole_held_out_runs(six):
     assert 0.5 < rows.loc["fx", "error"] / (1.96 * errors[chosen, "fx"]) <= 1.0  # less the noise of the load
 
 
-def test_whole_runs_are_held_out_and_the_printed_formula_is_judged_with_the_others(six):
+def test_whole_runs_are_held_out_and_the_printed_formula_is_assessed_with_the_others(six):
     choice = six.frame("sensor_choice")
     held = choice[choice["figure"] == "heldout_rms"].pivot(index="model", columns="subject", values="value")[LOADS]
     assert _chosen(choice).startswith("weighted, forward, zero common, linear")
@@ -119,7 +119,7 @@ def test_the_remaining_sensor_reports_its_own_calibration_loads(six):
     assert np.all(rms > 0.3 * sensor.heldout_rms)
 
 
-def test_theory_stands_beside_the_calibration(six):
+def test_theory_is_next_to_the_calibration(six):
     merit = six.frame("sensor_merit").query("model == 'nominal' and figure == 'condition'")
     merit = merit.set_index("length_m")["value"]
     assert merit.loc[1.0] == pytest.approx(6.33, abs=0.01)  # as nominal set A was made to have it

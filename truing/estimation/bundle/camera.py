@@ -4,14 +4,15 @@ Frame of a camera: x to the right, y down, z forward, origin in the projection c
 x to the right and y down, the centre of the first pixel at (0, 0). The centre of the format is (x_centre,
 y_centre) = ((width - 1) / 2, (height - 1) / 2). A point at (X, Y, Z) in the camera's frame appears at (x, y):
 
-    xi = c X / Z                  eta = c Y / Z                 r^2 = xi^2 + eta^2
-    radial = A1 (r^2 - R0^2) + A2 (r^4 - R0^4) + A3 (r^6 - R0^6)
-    x = x_centre + x0 + xi  + xi  radial + B1 (r^2 + 2 xi^2)  + 2 B2 xi eta + C1 xi + C2 eta
-    y = y_centre + y0 + eta + eta radial + B2 (r^2 + 2 eta^2) + 2 B1 xi eta.
+    xi = c X / Z,   eta = c Y / Z,   r^2 = xi^2 + eta^2;
+    radial = A1 (r^2 - R0^2) + A2 (r^4 - R0^4) + A3 (r^6 - R0^6);
+    dx = B1 (r^2 + 2 xi^2) + 2 B2 xi eta,   dy = B2 (r^2 + 2 eta^2) + 2 B1 xi eta;
+    x = x_centre + x0 + xi (1 + radial + C1) + C2 eta + dx;
+    y = y_centre + y0 + eta (1 + radial) + dy.
 
-Brown (1971), with affinity C1 and shear
-C2. Balanced radial distortion as in Luhmann et al., Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3.
-All functions take one point per row. Image coordinates are analytic, so complex steps differentiate them.
+The model is that of Brown (1971), with affinity C1 and shear C2. Balanced radial distortion is as in Luhmann et al.,
+Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3. All functions take one point per row. Image
+coordinates are analytic, so complex steps differentiate them.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ The equations are those of `truing.estimation.bundle.camera`. A ray has two rows
 the negative of that by the point and is not stored. The products of an image's rows are one matrix product; those with
 a point are added one by one.
 
-Written here because it makes the adjustment faster than libraries, which do not compute the covariance of all points
-(`python -m benchmarks.bundle`). Importing this module imports numba; compiled code is cached on disk.
+Own kernels are faster than libraries, which do not compute the covariance of all points (`python -m
+benchmarks.bundle`). Importing this module imports numba; compiled code is cached on disk.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A pose has residuals v of its observations, with weights W. Their derivatives are A by its own unknowns (points,
 orientations of images) and B by the shared numbers theta. The sufficient statistics of theta are
 
-    information N = B^T Q B,   score n = B^T Q v,   Q = W - W A (A^T W A)^-1 A^T W.
+    information N = B^T Q B,   score n = B^T Q v;   Q = W - W A (A^T W A)^-1 A^T W.
 
 n is normal with mean N (theta in this pose - theta of the adjustment) and covariance N. It is independent between
 poses, and of the adjusted points. The points depend on theta by G = -(A^T W A)^-1 A^T W B. N and n do not depend on the

@@ -5,7 +5,7 @@ information G_l. Its information is A_l = G_l + n sum_x w_x r_xl r_xl^T. The cri
 telescope report, section 6.3). A bound for any other weights v follows from concavity and from the inequality of means
 over the P = L q eigenvalues:
 
-    log det A(v) <= log det A(w) + P log( (sum_l trace A_l^-1 G_l + n max_x d(x)) / P ),
+    log det A(v) <= log det A(w) + P log( (sum_l trace A_l^-1 G_l + n max_x d(x)) / P );
     d(x) = sum_l r_xl^T A_l^-1 r_xl.
 
 Both sides are equal at the optimum (Kiefer and Wolfowitz, Canad. J. Math. 12 (1960) 363). The bound holds for whole and
@@ -256,7 +256,7 @@ def exchange(
     """Return a choice that no exchange of one configuration for one candidate improves.
 
     start (N,): initial candidates. Each step makes the best of all N C exchanges. The gain follows from rank-one
-    updates: det(A + x x^T - y y^T) / det A = (1 + d_xx)(1 - d_yy) + d_xy^2, d_xy = x^T A^-1 y (Fedorov, Theory of
+    updates: det(A + x x^T - y y^T) / det A = (1 + d_xx)(1 - d_yy) + d_xy^2; d_xy = x^T A^-1 y (Fedorov, Theory of
     Optimal Experiments, 1972). Raises ValueError if the start does not determine every leg.
     """
     chosen = np.array(start)

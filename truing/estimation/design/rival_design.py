@@ -5,12 +5,12 @@ over poses, so that sets are searched by adding and exchanging single poses.
 
 Rivals share their nuisance parameters and have one effect each. After a fit to old and new data, nuisances leave the
 predictions a covariance C common to both; the effect's own parameters add to it, so that rival A predicts N(m_A, C_A).
-If A is right, new measurements change the log odds of A against B by this divergence, on average (Box and Hill 1967,
-Technometrics 9, 57):
+If A is right, new measurements change the log odds of A against B on average by this divergence (Box and Hill, 1967):
 
     1/2 [ gap^T C_B^-1 gap + tr(C_B^-1 C_A) - n - log det(C_B^-1 C_A) ],    gap = m_A - m_B.
 
-It is half the squared distance between the predictions, plus a term for the uncertain sizes of the effects.
+It is half the squared distance between the predictions, plus a term for the uncertain sizes of the effects
+(Technometrics 9 (1967) 57).
 
 Steps of a run belong together: each is relative to the run's zero, and hysteresis carries over between steps. Runs are
 therefore chosen as a whole, by the same sums as poses.

@@ -3,7 +3,8 @@
 A pixel lies at t along an edge (0 to 1) and at d across it (outside positive); a is d in units of the band's half
 width. Its grey value is
 
-    I = (ground + contrast Phi(z)) (1 + along (t - 1/2) + across a),        z = (d - (1 - t) first - t last) / blur.
+    I = (ground + contrast Phi(z)) (1 + along (t - 1/2) + across a);
+    z = (d - (1 - t) first - t last) / blur.
 
 The blur includes the pixel's own area. Pixels near a corner are excluded, since two edges appear there. Lens
 distortion bends a long edge, so only the part within `_REACH` of a corner is used for it. Importing this module imports

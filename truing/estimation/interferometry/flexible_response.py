@@ -157,12 +157,12 @@ def fit_channel(
     )
 
 
-def _affordable(groups: list[Array], room: int, count: int) -> Array:
+def _affordable(groups: list[Array], most: int, count: int) -> Array:
     """Return the first groups of columns (N, P) that leave enough readings for a test."""
     affordable = [np.zeros((count, 0))]
     for group in groups:
         moving = group[:, np.ptp(group, axis=0) > 0.0] if len(group) else group
-        if sum(one.shape[1] for one in affordable) + moving.shape[1] > min(room, _MOST_COLUMNS * count):
+        if sum(one.shape[1] for one in affordable) + moving.shape[1] > min(most, _MOST_COLUMNS * count):
             break
         affordable.append(moving)
     return np.column_stack(affordable)

@@ -140,9 +140,9 @@ def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
     value = np.asarray(signal, float)
     levels, count = np.unique(value[np.isfinite(value)], return_counts=True)
     fewest = _FEWEST_AT_WALL if drive is None else _FEWEST_AT_DRIVES
-    wall = np.zeros(len(value), bool)
+    is_at_end = np.zeros(len(value), bool)
     if len(levels) < 3:
-        return _log_faults(wall, value, float(fewest))
+        return _log_faults(is_at_end, value, float(fewest))
     resolution = float(np.min(np.diff(levels)))
     for end, sign in ((0, 1.0), (-1, -1.0)):
         distance = sign * (levels - levels[end])
@@ -151,8 +151,8 @@ def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
         if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside) and (
             drive is None or _is_driven_beyond(value, drive, there, sign)
         ):
-            wall |= there
-    return _log_faults(wall, value, float(fewest))
+            is_at_end |= there
+    return _log_faults(is_at_end, value, float(fewest))
 
 
 def _is_driven_beyond(value: Array, drive: ArrayLike, there: Mask, sign: float) -> bool:

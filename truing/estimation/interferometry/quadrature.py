@@ -42,7 +42,7 @@ _REMEDIES = {
     EllipseStatus.OK: "Nothing to do.",
     EllipseStatus.SHORT_ARC: "The signals trace too little of the ellipse to fix it: move through a whole fringe, or "
     "take the correction of another run of the same channel.",
-    EllipseStatus.FEW_SAMPLES: "Too few samples to tell the noise about the ellipse: take ten or more.",
+    EllipseStatus.FEW_SAMPLES: "Too few samples to estimate the noise about the ellipse: take ten or more.",
     EllipseStatus.NO_ELLIPSE: "The signals lie on no ellipse: look at the offsets, the gains and the wiring.",
 }
 
@@ -297,8 +297,8 @@ def _miscount_probability(left: Array, noise: Array) -> Array:
     from scipy.special import ndtr
 
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = (np.pi - np.abs(left)) / noise
-    return np.asarray(ndtr(-np.where(np.isnan(room), 0.0, room)))
+        margin = (np.pi - np.abs(left)) / noise
+    return np.asarray(ndtr(-np.where(np.isnan(margin), 0.0, margin)))
 
 
 def misstep_probability(step: ArrayLike, sigma: ArrayLike) -> Array:

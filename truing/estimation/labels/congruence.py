@@ -409,9 +409,9 @@ def hypothesis_at(cloud: Constellation, survey: Constellation, match: NDArray, R
     seen = np.flatnonzero(match >= 0)
     square = np.sum((cloud.points[match[seen]] - survey.points[seen] @ R.T - t) ** 2, axis=1)
     variance = cloud.variance[match[seen]] + survey.variance[seen]
-    room = np.log(np.maximum(cloud.extents, 2 * GATE * np.sqrt(variance.max()))).sum()
+    log_volume = np.log(np.maximum(cloud.extents, 2 * GATE * np.sqrt(variance.max()))).sum()
     gain = np.zeros(len(cloud))
-    gain[match[seen]] = room - 1.5 * np.log(2 * np.pi * variance) - square / (2 * variance)
+    gain[match[seen]] = log_volume - 1.5 * np.log(2 * np.pi * variance) - square / (2 * variance)
     return Hypothesis(match, R, t, gain, float(np.sqrt(square.mean())))
 
 

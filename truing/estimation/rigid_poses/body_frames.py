@@ -30,9 +30,9 @@ def residual_covariance(points: Array, noise: Array, used: Mask, is_observed: Ma
     batch, count = used.shape
     lever = rigid_motions(points)
     frame = frame_covariance(points, noise, used)
-    swallowed = np.einsum("tia,bac,sjc->btisj", lever, frame, lever, optimize=True)
+    frame_part = np.einsum("tia,bac,sjc->btisj", lever, frame, lever, optimize=True)
     sign = 1.0 - used[:, :, None].astype(float) - used[:, None, :]
-    covariance = swallowed * sign[:, :, None, :, None]
+    covariance = frame_part * sign[:, :, None, :, None]
     index = np.arange(count)
     covariance[:, index, :, index, :] += np.moveaxis(noise, 1, 0)
     both = is_observed[:, :, None] & is_observed[:, None, :]

@@ -17,7 +17,7 @@ DOUBTS = {
     "inadequate": "the model with all accepted causes leaves more than noise or fails a test: it may be incomplete",
     "unnamed": "the data also show an effect that no catalogued cause explains, and this may be a part of it",
     "alternative": "other causes, or an effect without a name, may explain the same",
-    "assumed": "it takes unknown centres of mass at the origins of their links; declare com_mm or payload_com_mm",
+    "assumed": "it assumes unknown centres of mass at the origins of their links; declare com_mm or payload_com_mm",
     "weak": "the evidence is weak: it is hardly more probable than no effect, and more measurements would decide",
     "held-out": "it predicts held-out data worse than the model without it",
     "unconfirmed": "left-out parts of the campaign (runs, days, regions) that should show it are predicted no better "
@@ -323,7 +323,7 @@ def single_errors_explanation(subject: str, number: int, ratio: float, p_value: 
 
 def single_errors_advice(subject: str) -> str:
     """Return the measurement that would explain single large errors of one input."""
-    return f"Move {subject} to one reading ten times over, from both sides, with its encoder read at each stop."
+    return f"Move {subject} to the same reading ten times, from both sides, and read its encoder at each stop."
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,7 @@ def _of_role(missed: _Missed) -> str:
 def _of_chance(errors: Overall) -> str:
     """Return the sentence on an error below the noise floor that no test calls significant."""
     if errors.freedom > 0.0:
-        return " The data are too few to tell whether this is chance."
+        return " There are too few data to decide whether this is chance."
     return " Whether this is chance was not tested."
 
 
@@ -316,7 +316,7 @@ def misfit_figure(
     subtitle = _floor_line(figure, findings[-1].floor, unit, vertical=True)
     style(figure, "Errors of the predictions, cause by cause", subtitle, _AROUND + _ROW * len(stages))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
-    if max(map(len, stages)) > _LONG_NAME:  # next to longer names the bars would have no room
+    if max(map(len, stages)) > _LONG_NAME:  # longer names would leave no space for the bars
         lines = ["<br>".join(map(label, textwrap.wrap(html.unescape(stage), _LONG_NAME))) for stage in stages]
         figure.update_yaxes(tickmode="array", tickvals=stages, ticktext=lines)
     figure.update_xaxes(title_text=f"rms of measured − predicted ({unit})", rangemode="tozero")

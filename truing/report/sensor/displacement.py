@@ -96,7 +96,7 @@ def _drifts(terms: pd.DataFrame) -> Listing | None:
         (str(r.run), r.channel, with_uncertainty(r.value, r.sigma), f"{moved_unit(r.channel)}/h", p_value(r.p_value))
         for r in real.itertuples()
     )
-    caption = f"Runs that drift beyond chance, {len(real)} of {len(drifts)} that tell their drift"
+    caption = f"Runs that drift beyond chance, {len(real)} of {len(drifts)} with a determined drift"
     return Listing(_DRIFT_HEADS, rows, (), caption, len(rows) > 20, "run_terms.parquet")
 
 

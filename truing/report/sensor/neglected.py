@@ -39,7 +39,7 @@ def neglected(tables: Tables) -> ReportSection | None:
 
 
 def _sentence(name: str, table: pd.DataFrame) -> str:
-    """True if neglect of an effect matters, with the entry that it changes most."""
+    """Return a sentence on whether neglect of an effect matters, with the entry that it changes most."""
     known = table[table["effect_over_sigma"].notna()]
     if not len(known):
         return f"{name.capitalize()}: not assessed, because the compliance has no uncertainty."

@@ -159,7 +159,7 @@ def _one_unit(claim: Claim) -> str:
     if "_asymmetry" in (claim.fact("forms") or ()) and any(arms):
         return (
             f"Measure at the loading stand where the lines of action of positive and of negative {axis} pass along "
-            f"{' and '.join(filter(None, arms))}. Where only signals are recorded, they do not tell which of the two "
+            f"{' and '.join(filter(None, arms))}. Where only signals are recorded, they do not show which of the two "
             "is off the axis."
         )
     if axis.startswith("m"):  # one unit alone gives no couple

@@ -332,7 +332,7 @@ CHAIN = {
         _guideway,
         _of_joint(
             "Move {} alone along its travel, and measure three targets far apart on its carriage, or use a level and "
-            "a straightedge. Targets far apart tell a turn from a shift."
+            "a straightedge. Targets far apart distinguish a rotation from a shift."
         ),
     ),
     "joint-compliance": Wording("compliance of a joint", _compliance, _LOADED),

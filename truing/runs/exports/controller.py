@@ -25,8 +25,8 @@ _Number = tuple[str, str, float, float | None, str]  # of what, its name, value,
 _UNLIKELY = 0.05  # familywise p-value of the pulls of all parameters
 IMPLAUSIBLE_PULL = 3.0  # pull of a chain's number from which its tolerance does not explain it
 _CAUTIONS = {
-    "not-determined": "the measurements do not determine it: it stands near its nominal value, or trades with others",
-    "far-from-nominal": "it is farther from nominal than its tolerance explains: it takes up what the model misses",
+    "not-determined": "the measurements do not determine it: it stays near nominal, or is correlated with others",
+    "far-from-nominal": "it is farther from nominal than its tolerance explains: it absorbs what the model lacks",
     "suspected": "its cause is only suspected",
     "inadequate": "the model does not hold as a whole: something acts that none of its numbers describes",
 }

@@ -210,7 +210,7 @@ def _notes(
             "the origins.",
             "Every transform holds only together with all others. A number that is not determined, or is far from "
             "nominal, is no physical property of the machine.",
-            "Inertia, effort and velocity are unknown here and stand as 0. A joint that slides has the range of its "
+            "Inertia, effort and velocity are unknown here and set to 0. A joint that slides has the range of its "
             "readings as limits, if no others are known. Joints that the campaign did not read are fixed at zero.",
         ]
     }

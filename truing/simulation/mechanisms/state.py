@@ -51,7 +51,7 @@ class State:
     reference_rotation: NDArray = field(default_factory=lambda: np.eye(3))  # (3, 3)
 
     @property
-    def heat(self) -> NDArray:
+    def temperature_rise(self) -> NDArray:
         """Temperature (B,) above the reference, K."""
         return self.covariates["temperature_c"] - self.reference_temperature_c
 

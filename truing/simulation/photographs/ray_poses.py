@@ -62,7 +62,7 @@ class RayPoses:
         return np.zeros((len(self.poses), 0))
 
     @cached_property
-    def heat(self) -> NDArray:
+    def temperature_rise(self) -> NDArray:
         """Temperature above the reference (B,), K."""
         return np.asarray(self.covariates[TEMPERATURE], float) - self.reference_temperature_c
 

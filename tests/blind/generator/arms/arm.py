@@ -86,7 +86,7 @@ class Arm:
         return [n for n, joint in enumerate(self.joints) if joint.source >= 0 and not self.mimics(n)]
 
     def mimics(self, number: int) -> bool:
-        """Whether a joint follows another one."""
+        """Return True if a joint follows another one."""
         mine = self.joints[number].source
         return mine >= 0 and any(joint.source == mine for joint in self.joints[:number])
 

@@ -197,7 +197,8 @@ def _candidates(cause: str, bench: Bench, rng: np.random.Generator) -> list[Effe
 
 
 def _is_undescribed(effect: Effect, design: Design) -> bool:
-    """Whether an effect is of a link whose length a row leaves open: d of a slide is also the zero of its reading."""
+    """Return True for an effect of a link whose length the description leaves open: d of a slide is the zero of its
+    reading."""
     slides = {joint.child for joint in design.arm.joints if joint.kind == "prismatic"}
     return bool(design.rows) and effect.cause in LINK_CAUSES and effect.where in slides
 
@@ -249,7 +250,7 @@ def _reached(effect: Effect, fit: Fit, root: float) -> float:
 
 
 def _scatters(effect: Effect) -> bool:
-    """Whether an effect has as many numbers as poses, and shows by their sum of squares alone."""
+    """Return True if an effect has as many numbers as poses and shows in their sum of squares alone."""
     return effect.cause == "approach-scatter" or effect.fixed.get("kind") == "heavy-tails"
 
 
@@ -258,7 +259,7 @@ def _fitted(fit: Fit) -> int:
 
 
 def record(seed: int, layout: str, bench: Bench, effects: Sequence[Effect], rng: np.random.Generator) -> ArmCampaign:
-    """What was recorded of a campaign with effects hidden in it."""
+    """Records of a campaign with hidden effects."""
     arm = bench.design.arm
     if bench.tolerance is not None:
         sigmas = bench.design.sigmas(bench.tolerance)

@@ -50,7 +50,7 @@ def write(
 
 
 def truth(campaign: ArmCampaign) -> dict[str, object]:
-    """What is hidden in a campaign, in SI."""
+    """Hidden effects of a campaign, in SI units."""
     bench, instrument = campaign.bench, campaign.bench.instrument
     effects = []
     for effect in campaign.effects:

@@ -55,7 +55,7 @@ def _unit(shape: Array) -> Array:
 
 
 def _beside(shape: Array, columns: Array) -> Array:
-    """What no constant and none of the columns (N, C) explain of a shape (N,)."""
+    """Part of a shape (N,) that neither a constant nor the columns (N, C) explain."""
     known = np.column_stack([np.ones(len(shape)), columns])
     return np.asarray(shape - known @ np.linalg.lstsq(known, shape, rcond=None)[0])
 
@@ -69,7 +69,8 @@ def _field(inputs: Array, rng: np.random.Generator) -> Array:
 
 
 def _play(course: Array) -> Array:
-    """What remains of a course in -1..1 after the mean of elements with play: it depends on how a place was reached."""
+    """Hysteresis of a course in -1..1, by elements with play: it depends on the direction from which a place was
+    reached."""
     remains = np.zeros(len(course))
     for width in (0.1, 0.3, 0.6, 0.9):
         place = 0.0

@@ -112,7 +112,7 @@ def _bare(frame: str) -> Instrument:
 
 
 def see(instrument: Instrument, schedule: Schedule, arm: Arm, state: State) -> Seen:
-    """What an instrument without noise would see."""
+    """Measurement without noise."""
     found = places(arm, state)
     group = instrument.groups(schedule)
     turned, moved = instrument.base[0][group], instrument.base[1][group]

@@ -14,10 +14,9 @@ ROUNDS = 4  # of loads and deflections: each one gains at least three digits
 
 @dataclass(frozen=True)
 class State:
-    """What nature made of N poses: angles (N, K) of actuated joints, elasticity, growth (N, L) of each link's vectors,
-    motion (N, 6) of the base in its own frame, shifts (N, M, 3) of targets in their body's frame, and motion
-    (N, K, 6) of the carriages of slides, in the frames of their links; SI.
-    """
+    """Physical state in N poses, SI: angles (N, K) of actuated joints, elasticity, growth (N, L) of each link's
+    vectors, motion (N, 6) of the base in its own frame, shifts (N, M, 3) of targets in their body's frame, and motion
+    (N, K, 6) of the carriages of slides in the frames of their links."""
 
     angles: Array
     compliance: Array
@@ -29,7 +28,7 @@ class State:
 
     @property
     def elastic(self) -> bool:
-        """Whether anything yields to gravity."""
+        """Return True if any part yields to gravity."""
         return bool(np.any(self.compliance) or np.any(self.flexibility))
 
 

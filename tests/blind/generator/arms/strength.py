@@ -41,7 +41,7 @@ class Bench:
         return self.design.arm.joints[self.design.arm.actuated[column]].kind
 
     def exact(self, effects: Sequence[Effect] = (), arm: Arm | None = None) -> Seen:
-        """What would be seen without noise; of the nominal arm where none is given."""
+        """Measurement without noise; of the nominal arm by default."""
         own = arm or self.design.arm
         state = hide(effects, own, self.schedule, len(self.instrument.targets))
         return see(self.instrument, self.schedule, own, state)
@@ -49,7 +49,8 @@ class Bench:
 
 @dataclass(frozen=True)
 class Fit:
-    """A linear fit: ``white`` (N, R, R) whitens a pose's rows, ``basis`` (Q, C) spans what the fit takes up."""
+    """A linear fit: ``white`` (N, R, R) whitens a pose's rows, ``basis`` (Q, C) spans the space that the fit
+    absorbs."""
 
     bench: Bench
     reference: Seen
@@ -57,7 +58,7 @@ class Fit:
     basis: Array
 
     def left(self, effect: Effect) -> Array:
-        """What a fit leaves of an effect of its size, (Q,), in units of noise."""
+        """Part (Q,) of an effect of its size that a fit does not absorb, in units of noise."""
         change = rows(self.bench.instrument, self.bench.exact([effect]), self.reference)
         seen = _stacked(self.white, change[:, :, None])[:, 0]
         seen = np.concatenate([seen, np.zeros(len(self.basis) - len(seen))])

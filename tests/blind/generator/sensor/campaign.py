@@ -23,8 +23,8 @@ SIXTH = 1 / 6
 
 @dataclass(frozen=True)
 class Truth:
-    """What really was: the errors of assembly and its compliance, true loads, wrenches and
-    displacements (S, 6), gain and offset of the signals (C, 2)."""
+    """The truth: assembly errors and their compliance, true loads, wrenches and displacements (S, 6), gain and offset
+    of the signals (C, 2)."""
 
     errors: Errors
     machine: Machine
@@ -82,9 +82,8 @@ def draw_campaign(layout: Layout, effects: Sequence[Effect], rng: np.random.Gene
 
 @dataclass(frozen=True)
 class Answer:
-    """What the bench shows without noise: wrench, displacement and readings (S, 6), how much noise these get, and
-    signals (S, C), mV.
-    """
+    """Response without noise: wrench, displacement and readings (S, 6), the factors of their noise, and signals (S, C),
+    mV."""
 
     wrench: Array
     moved: Array
@@ -101,7 +100,7 @@ def as_made(layout: Layout, machine: Machine, errors: Errors) -> Machine:
 
 
 def answer(layout: Layout, load: Array, gain: Array, effects: Sequence[Effect], setting: Setting) -> Answer:
-    """What a machine answers to true loads (S, 6), its signals with gain and offset (C, 2)."""
+    """Response of a machine to true loads (S, 6); ``gain``: gain and offset of its signals (C, 2)."""
     machine = setting.machine
     wrench = load[:, :, None] * np.eye(6)
     for effect in effects:
@@ -157,7 +156,7 @@ def _gross(schedule: Schedule, layout: Layout, rng: np.random.Generator) -> Arra
 
 
 def lose(schedule: Schedule, layout: Layout, rng: np.random.Generator) -> Array:
-    """Which readings (S, 6) there are: watched, and not lost alone or with their whole step."""
+    """Mask of the readings (S, 6) that exist: of measured channels, and lost neither alone nor with their step."""
     lost = rng.random(schedule.load.shape) < layout.faults.missing_share
     steps = rng.random(len(schedule.run)) < layout.faults.missing_steps
     return schedule.watched & ~lost & ~steps[:, None]

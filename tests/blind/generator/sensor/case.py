@@ -60,7 +60,7 @@ class Measure(PlannedMeasure):
         return self._fit.strength(rows_of(changed) - rows_of(self.exact))
 
     def _as_noise(self, changed: Campaign) -> Array:
-        """How many times the instrument's noise readings (S, 6) have whose change adds to it without a shape."""
+        """Factor on the noise of readings (S, 6) whose change has no shape and adds to the noise."""
         off = (changed.readings - self.exact.readings) / self.plain.layout.noise.channels
         used = fitted(self.plain)
         mean_square = np.sum(np.where(used, off, 0.0) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1)

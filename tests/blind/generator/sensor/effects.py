@@ -23,7 +23,7 @@ SMALLEST = 0.02  # of the range: over so much load a joint goes through its clea
 
 @dataclass(frozen=True)
 class Setting:
-    """What an effect may look at."""
+    """Inputs of an effect."""
 
     schedule: Schedule
     machine: Machine
@@ -34,11 +34,11 @@ class Effect(NamedEffect):
     """An effect changes the chain at one or more of its steps; where it does nothing, the step is left as it is."""
 
     def drive(self, wrench: Array, setting: Setting) -> Array:
-        """What the load of each axis really brings (S, 6 axes, 6), N and N m."""
+        """True wrench under the load of each axis (S, 6 axes, 6), N and N m."""
         return wrench
 
     def structure(self, deflection: Array, setting: Setting) -> Array:
-        """How the platform answers the load of each axis (S, 6 axes, 6), m and rad."""
+        """Deflection of the platform under the load of each axis (S, 6 axes, 6), m and rad."""
         return deflection
 
     def instrument(self, readings: Array, moved: Array, setting: Setting) -> Array:
@@ -134,7 +134,7 @@ class Elastic(PerLoad):
         return _with(deflection, self.axis, more * np.eye(6)[self.axis] if self.along_only else more)
 
     def more(self, d: Array, setting: Setting) -> Array:
-        """What is added to the deflection d (S, 6)."""
+        """Amount added to the deflection d (S, 6)."""
         raise NotImplementedError
 
 

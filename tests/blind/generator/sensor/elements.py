@@ -32,7 +32,7 @@ class Element:
 
     @property
     def elastic(self) -> int:
-        """How many elastic parameters it has."""
+        """Number of elastic parameters."""
         return {"rigid": 0, "spring": len(self.numbers)}.get(self.kind, 1)
 
 

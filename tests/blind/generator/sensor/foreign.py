@@ -58,7 +58,7 @@ class Remembers(Foreign):
 
 
 class NobodyRecorded(Foreign):
-    """A reading follows something that nobody recorded."""
+    """A reading that depends on an unrecorded quantity."""
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -98,7 +98,7 @@ def _axis(campaign: Campaign, rng: np.random.Generator) -> str:
 
 
 def _inputs(campaign: Campaign, rng: np.random.Generator) -> tuple[str, ...]:
-    """A load; half of the time the weather or the time as well, or alone."""
+    """A load; half of the time the weather or the time in addition, or alone."""
     load, other = _axis(campaign, rng), str(rng.choice(["time_s", *COLUMNS]))
     return ((other,), (load, other), (load,), (load,))[rng.integers(4)]
 

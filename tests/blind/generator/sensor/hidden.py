@@ -24,7 +24,7 @@ HOUR_S = 3600.0
 
 @dataclass(frozen=True)
 class Kind:
-    """How an effect is drawn for a campaign, and what a campaign must have for it to be there (see ``draw_plan``)."""
+    """A kind of effect: its draw for a campaign, and its requirements on the campaign (see ``draw_plan``)."""
 
     draw: Draw
     needs: frozenset[str] = frozenset()
@@ -58,7 +58,8 @@ def _eccentric(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 
 
 def _imbalanced(campaign: Campaign, rng: np.random.Generator) -> OfSize:
-    """What differs between pushing and pulling, or grows with the load; with some that is neither."""
+    """An imbalance that differs between pushing and pulling or grows with the load; half of the draws add a constant
+    ratio."""
     axis = _axis(campaign, rng)
     size_of = float(np.abs(campaign.layout.sensor.upper_mm).max()) / 1e3
     across_to = [k for k in range(3) if k != axis % 3]
@@ -183,7 +184,7 @@ def _knocked(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 
 
 def _channel_of_six(campaign: Campaign, rng: np.random.Generator) -> int:
-    """A rotation that is watched: of a displacement alone nobody could tell it from fringes."""
+    """A measured rotation: a jump of a displacement alone could be slipped fringes."""
     return int(rng.choice([k for k in range(3, len(AXES)) if campaign.is_observed[:, k].any()]))
 
 

@@ -36,7 +36,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Noise:
-    """What the instruments really do, one sigma; loads are known exactly unless said otherwise."""
+    """True noise of the instruments, one sigma; loads are exact unless declared otherwise."""
 
     linear: float = 0.5e-6
     angular: float = 0.2 * ARCSEC
@@ -53,7 +53,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class DataFaults:
-    """What may go wrong: readings lost, whole load steps lost, channels never measured, gross errors."""
+    """Possible faults: lost readings, lost load steps, channels never measured, gross errors."""
 
     missing_share: float = 0.0
     missing_steps: float = 0.0

@@ -36,7 +36,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Errors:
-    """What assembly left (6,) each, m, and how many times the nominal compliance each part of each leg has (6, P)."""
+    """Assembly errors (6,) each, m, and compliance of each part of each leg relative to nominal (6, P)."""
 
     platform_radius: Array
     base_radius: Array

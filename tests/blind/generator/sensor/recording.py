@@ -104,7 +104,7 @@ class AbbeOffset(PerChannel):
 
 @dataclass(frozen=True)
 class DeadPath(PerChannel):
-    """Air changes its index over a path of the beam that nobody knows of, m."""
+    """Air changes its index over an unknown path of the beam, m."""
 
     path: float
     id = "dead-path"

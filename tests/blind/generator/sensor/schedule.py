@@ -141,9 +141,7 @@ def _weather(surroundings: Surroundings, time: Array, rng: np.random.Generator) 
 
 
 def unloading(load: Array, run: Array) -> Array:
-    """Whether each axis is on the way down (S, 6): |F| smaller than at the step before in the run; a load that is held
-    stays on its branch.
-    """
+    """Mask (S, 6) of unloading: |F| is smaller than at the step before in the run. A held load stays on its branch."""
     down = np.zeros(load.shape, bool)
     for n in range(1, len(load)):
         if run[n] == run[n - 1]:

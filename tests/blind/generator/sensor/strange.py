@@ -35,7 +35,7 @@ class Strange(Effect):
         return f"channel {CHANNELS[self.channel]}"
 
     def course(self, setting: Setting) -> Array:
-        """What the reading follows (S,), at most about 1."""
+        """Course of the reading (S,), at most about 1."""
         raise NotImplementedError
 
     def instrument(self, readings: Array, moved: Array, setting: Setting) -> Array:

@@ -54,7 +54,7 @@ def fit_of(campaign: Campaign) -> Fit:
 
 
 def fitted(campaign: Campaign) -> Array:
-    """Which readings (S, 6) a fit may use."""
+    """Mask of the readings (S, 6) that a fit may use."""
     held = np.array(campaign.schedule.role) == "verification"
     return campaign.is_observed & ~campaign.gross & ~held[:, None]
 

@@ -45,7 +45,7 @@ class SeatsInContact(StrangeOfLoad):
 
 
 class Tires(StrangeOfLoad):
-    """What answers a load becomes softer in the course of the campaign."""
+    """The loaded part becomes softer in the course of the campaign."""
 
     @property
     def drivers(self) -> tuple[str, ...]:

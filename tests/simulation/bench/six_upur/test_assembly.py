@@ -163,7 +163,7 @@ def test_lengths_alone_never_turn_open_chains(seed: int) -> None:
 
 
 @given(seed=SEEDS)
-def test_closed_loops_do_not_feel_what_passive_joints_take_up(seed: int) -> None:
+def test_closed_loops_are_free_of_motions_that_passive_joints_absorb(seed: int) -> None:
     """A twist of an axis that cuts the leg's line changes no length, and moves no platform."""
     rng = np.random.default_rng(seed)
     joints = crooked_joints(rng)

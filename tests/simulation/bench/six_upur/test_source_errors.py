@@ -65,7 +65,7 @@ def test_a_source_without_tolerance_is_left_out() -> None:
     assert errors_of_sources(SIGMA * [1.0, 0.0, 1.0, 0.0, 1.0]).sources == (*SOURCES[::2], ALL)
 
 
-def test_sensors_without_tolerances_or_that_do_not_stand_are_refused() -> None:
+def test_sensors_without_tolerances_or_with_singular_legs_are_refused() -> None:
     with pytest.raises(ValueError, match="a tolerance above 0"):
         errors_of_sources(np.zeros(5))
     with pytest.raises(ValueError, match="legs close"):

@@ -173,7 +173,8 @@ def test_without_a_force_sensor_the_installation_is_at_the_middle_of_the_leg() -
 
 
 def test_a_vertical_leg_turns_as_any_other() -> None:
-    """Against differences of sensors put together anew; round rods do not tell where their legs' axes jump to."""
+    """Derivatives agree with differences of assembled sensors; round rods do not show jumps of the axes of their
+    legs."""
     rod, plain = (206e9, 0.3), joints_of("A")
     leg = [elements.cylinder(0.1, 0.012, *rod), elements.rigid(), elements.cylinder(0.08, 0.016, *rod)]
     lower = plain.lower.copy()
@@ -191,7 +192,7 @@ def _same(found: NDArray, expected: NDArray, rounding: float) -> None:
 
 
 @given(seed=SEEDS)
-def test_a_common_modulus_scales_what_it_is_the_modulus_of(seed: int) -> None:
+def test_the_compliance_is_homogeneous_of_degree_minus_one_in_all_moduli(seed: int) -> None:
     """Euler: the compliance is homogeneous of degree -1 in all elastic parameters together."""
     rng = np.random.default_rng(seed)
     sensor = elastic_sensor(crooked_joints(rng), crooked_leg(rng))

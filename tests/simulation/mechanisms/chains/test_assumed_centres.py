@@ -35,7 +35,7 @@ def test_a_mass_at_the_tip_without_its_centre_is_an_assumption_of_all_that_carry
     assert all(cause.is_assumed for cause in found)
 
 
-def test_a_link_is_no_judge_of_masses_that_it_does_not_carry() -> None:
+def test_a_link_does_not_test_masses_that_it_does_not_carry() -> None:
     links = [node.link for node in arm().tree.nodes]
     assumed = {cause.link: cause.is_assumed for cause in LinkBending().candidates(arm(links[2]).scene)}
     assert assumed[links[2]]

@@ -139,11 +139,9 @@ def diagnosed(
     described: Callable[[ChainModel], ChainModel] = lambda model: model,
     given: Sequence[ChainCause] = (),
 ) -> CauseDiagnosis:
-    """What a search says of a campaign whose geometry and zeros are drawn from their tolerances.
-
-    Orders of ``gears`` are searched only where a test is about them, because that takes time. The search knows the
-    model as ``described``. ``given`` causes are in the model from the start.
-    """
+    """Diagnosis of a campaign whose geometry and zeros are drawn from their tolerances. Orders of ``gears`` are
+    searched on request only, because that takes time. The search knows the model as ``described``; ``given`` causes are
+    in it from the start."""
     rng = np.random.default_rng(seed)
     model = campaign(rng, 60, 1 if orientation else 2, orientation)
     if not gears:

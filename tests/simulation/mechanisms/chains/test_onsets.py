@@ -26,7 +26,7 @@ def test_every_joint_may_jump_at_every_pose_of_a_hundred() -> None:
     }
 
 
-def test_a_tool_may_jump_at_every_pose_if_two_targets_tell_it_from_one() -> None:
+def test_a_tool_may_jump_at_every_pose_if_two_targets_distinguish_it_from_one() -> None:
     found = ToolJump().candidates(campaign(np.random.default_rng(1), POSES).scene)
     assert {cause.from_pose for cause in found} == EVERY
     assert {cause.subject for cause in found} == {"link tip"}

@@ -19,8 +19,8 @@ POSES, NOISE_M = 60, 2e-5
 
 
 def diagnosed(seed: int, column: str, values: NDArray, moves: NDArray, link: str = "tip") -> CauseDiagnosis:
-    """What is found where targets of the tip (or all of the base, seen from the instrument) move by ``moves`` (3,) m
-    times what ``column`` has more than its mean."""
+    """Diagnosis if targets of the tip, or all of the base as seen from the instrument, move by ``moves`` (3,), m, per
+    unit of ``column`` above its mean."""
     rng = np.random.default_rng(seed)
     model = campaign(rng, POSES, 3)
     known = replace(model.known, gear_orders=dict.fromkeys(model.tree.readings, ()))

@@ -19,7 +19,7 @@ POSES, NOISE_M, NOISE_RAD = 60, 2e-5, 2e-5
 
 
 def reported(seed: int, errors: NDArray, shifts: NDArray | float = 0.0) -> SingleErrors[ChainCause] | None:
-    """What is said of errors (B, 5) of the joints in sigmas, and shifts (B, 3, 3) of the targets in m."""
+    """Single errors found for errors (B, 5) of the joints in sigmas and shifts (B, 3, 3) of the targets in m."""
     rng = np.random.default_rng(seed)
     model = campaign(rng, POSES, 3)
     model = replace(model, known=replace(model.known, reading_sigma=np.full(5, NOISE_RAD)))

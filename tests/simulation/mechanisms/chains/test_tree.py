@@ -187,7 +187,7 @@ def test_geometry_zeros_base_and_tool_explain_every_error_of_any_frame(screws: b
 
 
 def test_with_targets_of_known_place_geometry_zeros_and_base_explain_every_error_of_a_frame() -> None:
-    """The tool cannot stand for motions along the last axis, if its place is known."""
+    """A tool of known place cannot imitate motions along the last axis."""
     tree, last = tree_of_rows(UR10, NAMES), len(UR10)
     q = np.random.default_rng(8).uniform(-2, 2, (60, last))
     every = np.eye(6 * tree.size).reshape(tree.size, 6, -1)

@@ -13,8 +13,8 @@ from tests.simulation.mechanisms.chains.test_chain_model import diagnosed
 from tests.tolerance import assert_close
 from truing.inference import forward_search
 from truing.inference.cause_forms import CauseForms
-from truing.inference.forward_search import contested_causes
 from truing.inference.rounds import Round
+from truing.inference.search_result import contested_causes
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCompliance
 from truing.simulation.mechanisms.chains.link_causes import LinkBending
@@ -150,7 +150,7 @@ def test_causes_by_declared_weights_contest_a_factor_and_are_contested_by_it() -
     assert contested_causes(steps[:1]) == contested_causes(steps[1:]) == set()  # type: ignore[arg-type]
 
 
-def test_what_was_accepted_after_a_contested_form_is_contested_too() -> None:
+def test_causes_accepted_after_a_contested_form_are_contested_too() -> None:
     causes = (JointCompliance("j1"), JointCompliance("j2"), JointCompliance("j3"))
     steps = [SimpleNamespace(cause=cause, is_contested=cause.joint == "j2") for cause in causes]
     assert contested_causes(steps) == {causes[1].key, causes[2].key}  # type: ignore[arg-type]

@@ -48,7 +48,7 @@ class CosineError(ChannelCause):
         """
         errors = []
         for channel in (c for c in read_channels(scene) if c in CHANNELS):
-            across, beside = self._is_observable(scene, channel)
+            across, beside = self._are_observable(scene, channel)
             errors += [CosineError(channel)] if across else []
             errors += [] if beside else [CosineError(channel, along=True)]
         return errors
@@ -122,8 +122,8 @@ class CosineError(ChannelCause):
         parameter = ReportedParameter("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad")
         return (parameter, *super().reported(values, covariance, legs))
 
-    def _is_observable(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
-        """True if motion across a channel is observable in it, and next to motion along the channel."""
+    def _are_observable(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
+        """Observability in a channel of motion across it: alone, and next to motion along it."""
         steps, index = scene.steps, CHANNELS.index(channel)
         is_observed = scene.recorded[:, index]
         if is_observed.sum() < FEWEST_READINGS:

@@ -100,14 +100,14 @@ def _displaced_legs(leg: Three, arm: Three, x: NDArray) -> Three:
         (scale * (a * b + c), -scale * (aa + cc), scale * (b * c - a)),
         (scale * (a * c - b), scale * (b * c + a), -scale * (aa + bb)),
     )
-    room = np.empty_like(arm[0])
-    return _three(_add_row_product(row, arm, leg[i] + x[i], room) for i, row in enumerate(rows))
+    buffer = np.empty_like(arm[0])
+    return _three(_add_row_product(row, arm, leg[i] + x[i], buffer) for i, row in enumerate(rows))
 
 
-def _add_row_product(row: Three, arm: Three, total: NDArray, room: NDArray) -> NDArray:
-    """Add a row of a matrix times the arms to total (6, N), in place; room is memory for one product."""
+def _add_row_product(row: Three, arm: Three, total: NDArray, buffer: NDArray) -> NDArray:
+    """Add a row of a matrix times the arms to total (6, N), in place; buffer is memory for one product."""
     for number, part in zip(row, arm, strict=True):
-        total += np.multiply(number, part, out=room)
+        total += np.multiply(number, part, out=buffer)
     return total
 
 
@@ -121,9 +121,9 @@ def _with_rotation_vector(x: NDArray) -> NDArray:
 
 def _combined(inverse: NDArray, long: NDArray) -> NDArray:
     """Return inverse' long (6, N), summed leg by leg: library products may add in another order on other machines."""
-    step, room = inverse[0][:, None] * long[0], np.empty_like(long)
+    step, buffer = inverse[0][:, None] * long[0], np.empty_like(long)
     for row, values in zip(inverse[1:], long[1:], strict=True):
-        step += np.multiply(row[:, None], values, out=room)
+        step += np.multiply(row[:, None], values, out=buffer)
     return step
 
 
@@ -133,9 +133,9 @@ def _three(parts: Iterable[NDArray]) -> Three:
 
 
 def _squared(v: Three) -> NDArray:
-    total, room = v[0] * v[0], np.empty_like(v[0])
+    total, buffer = v[0] * v[0], np.empty_like(v[0])
     for part in v[1:]:
-        total += np.multiply(part, part, out=room)
+        total += np.multiply(part, part, out=buffer)
     return total
 
 

@@ -214,7 +214,7 @@ class BaseDeformation(PointCause):
 
     def _driver_values(self, state: State) -> NDArray:
         if self.driver == TEMPERATURE:
-            return state.heat
+            return state.temperature_rise
         return state.delta_rho[:, int(self.driver.removeprefix(_READING)) - 1]
 
 

@@ -62,5 +62,5 @@ class MeasurementScale(PointCause):
         """Return the factor of each parameter (B, P): 1, the temperature above the reference, or both."""
         if self.form == CONSTANT:
             return np.ones((poses, 1))
-        heat = state.heat[:, None]
-        return heat if self.form == PER_KELVIN else np.concatenate([np.ones_like(heat), heat], 1)
+        rise = state.temperature_rise[:, None]
+        return rise if self.form == PER_KELVIN else np.concatenate([np.ones_like(rise), rise], 1)

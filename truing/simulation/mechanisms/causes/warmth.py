@@ -137,16 +137,16 @@ def warms(scene: PointScene) -> bool:
 
 def grown(state: State, parts: Sequence[str]) -> dict[str, NDArray]:
     """Return the derivatives (..., P) of joints, lengths and targets by the expansion of each part."""
-    heat, column = state.heat, dict(zip(parts, np.eye(len(parts)), strict=True))
+    temperature_rise, column = state.temperature_rise, dict(zip(parts, np.eye(len(parts)), strict=True))
     fields = {}
     for name, part in (("a", "base"), ("b", "platform"), ("l", "legs")):
         if part in column and state.legs.count:
             array = getattr(state.legs, name)
-            rise = heat[:, None] if name == "l" else heat[:, None, None]
+            rise = temperature_rise[:, None] if name == "l" else temperature_rise[:, None, None]
             fields[name] = (array * rise)[..., None] * column[part]
     if state.targets is not None and len(state.shape):
         shares = _shares(state.targets, column)
-        fields["moved"] = (state.shape * heat[:, None, None])[..., None] * shares[:, None]
+        fields["moved"] = (state.shape * temperature_rise[:, None, None])[..., None] * shares[:, None]
     return fields
 
 
@@ -154,7 +154,7 @@ def _grown_bodies(state: State, body: str) -> dict[str, NDArray]:
     """Return the derivatives (B, K, 3, 1) of the targets' positions by the expansion of all bodies, or of one."""
     bodies = () if state.targets is None else state.targets.bodies
     is_grown = np.array([not body or other == body for other in bodies], float)
-    return {"moved": (state.shape * is_grown[:, None] * state.heat[:, None, None])[..., None]}
+    return {"moved": (state.shape * is_grown[:, None] * state.temperature_rise[:, None, None])[..., None]}
 
 
 def _shares(targets: Targets, column: dict[str, NDArray]) -> NDArray:

@@ -166,7 +166,7 @@ class ChainInputs:
         return self.tree.frames(self.readings)
 
     @property
-    def heat(self) -> Array | None:
+    def temperature_rise(self) -> Array | None:
         """Temperature (B,) above the reference, K; None if it is unknown."""
         found = self.conditions.covariates.get(TEMPERATURE)
         return None if found is None else np.asarray(found - self.reference_temperature_c)

@@ -71,8 +71,8 @@ class LinkGrowth(LinkCause):
         """Return all links together, every link with a length, and the lengths along axes that no link is made of; none
         if the temperature does not vary."""
         machine = scene.inputs_of_machine
-        heat = machine.heat
-        if heat is None or not np.isfinite(heat).all() or not np.ptp(heat) > 0.0:
+        temperature_rise = machine.temperature_rise
+        if temperature_rise is None or not np.isfinite(temperature_rise).all() or not np.ptp(temperature_rise) > 0.0:
             return ()
         links = [replace(self, link=name) for name in machine.tree.links]
         long = [cause for cause in links if cause.twists(machine).any()]
@@ -111,10 +111,10 @@ class LinkGrowth(LinkCause):
     def twists(self, machine: ChainInputs) -> NDArray:
         """Return the shift of the next joints along the link's vector."""
         result = np.zeros((len(machine.readings), machine.tree.size, 6, 1))
-        assert machine.heat is not None
+        assert machine.temperature_rise is not None
         nodes = range(1, machine.tree.size) if not self.link else self._children(machine)
         for k in nodes:
-            result[:, k, :3, 0] = np.multiply.outer(machine.heat, self._vector(machine, k))
+            result[:, k, :3, 0] = np.multiply.outer(machine.temperature_rise, self._vector(machine, k))
         return result
 
     def _vector(self, machine: ChainInputs, k: int) -> NDArray:

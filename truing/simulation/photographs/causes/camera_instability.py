@@ -155,7 +155,7 @@ class CameraInstability(RayCause):
     def _course(self, rays: RayPoses, values: NDArray) -> tuple[NDArray, NDArray]:
         """Return the course (B,) of the change, and its derivative by the logarithm of tau."""
         if self.form == WARMTH:
-            return rays.heat, np.zeros(len(rays.poses))
+            return rays.temperature_rise, np.zeros(len(rays.poses))
         if self.form == JUMP:
             return (rays.covariates["order"] >= self.since).astype(float), np.zeros(len(rays.poses))
         passed = (rays.covariates[TIME] - self.start_s) / self.duration_s

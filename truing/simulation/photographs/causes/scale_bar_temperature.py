@@ -57,7 +57,7 @@ class OneBar(RayCause):
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return d strain / d alpha: the temperature above the reference."""
-        return at_numbers(rays, rays.places(BAR, self.bar, ("strain",)), rays.heat)
+        return at_numbers(rays, rays.places(BAR, self.bar, ("strain",)), rays.temperature_rise)
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ class AllBars(PointCause):
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return d point / d alpha: a bar longer than assumed makes all other lengths look shorter."""
-        return Change({"points": -state.points[..., None] * state.heat[:, None, None, None]}, 1)
+        return Change({"points": -state.points[..., None] * state.temperature_rise[:, None, None, None]}, 1)
 
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
         """Return points, or their motions, (B, K, 3, ...), as measured with such bars."""
-        factor = 1.0 - state.heat * values[0]
+        factor = 1.0 - state.temperature_rise * values[0]
         return np.asarray(points * factor.reshape(-1, *([1] * (points.ndim - 1))))

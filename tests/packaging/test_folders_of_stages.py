@@ -12,25 +12,25 @@ from truing.pipeline.manifest import DigestCache
 from truing.pipeline.source_digest import SourceTree
 
 SHARED = ("truing.stages.common", "truing.stages.declaration")
-ROOMS = sorted({path.parent.name for path in modules("stages") if path.parent != PROJECT / "stages"})
+FOLDERS = sorted({path.parent.name for path in modules("stages") if path.parent != PROJECT / "stages"})
 CAUSES, SEARCH = re.compile(r"truing/simulation/\w+/causes/"), re.compile(r"truing/inference/")
 MODELS = re.compile(r"truing/simulation/(bench|bodies|mechanisms|photographs)/\w+\.py")
 ADJUSTMENTS = re.compile(r"truing/estimation/(bundle/(adjustment|snooping)|rigid_poses/correlated_poses)\.py")
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_a_room_of_stages_imports_only_itself_and_what_is_shared(room: str) -> None:
-    allowed = (f"truing.stages.{room}", *SHARED)
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_a_folder_of_stages_imports_only_itself_and_shared_modules(folder: str) -> None:
+    allowed = (f"truing.stages.{folder}", *SHARED)
     faults = {
         module_name(path): strange
-        for path in modules(f"stages/{room}")
+        for path in modules(f"stages/{folder}")
         if (strange := [name for name in _of_stages(imported_names(path)) if not any(within(name, a) for a in allowed)])
     }
     assert not faults
 
 
 def _of_stages(names: set[str]) -> list[str]:
-    """What of the stages is named; of `from truing.stages.a import b` the module alone."""
+    """Names of modules of stages; for `from truing.stages.a import b` the module alone."""
     return sorted(name for name in names if within(name, "truing.stages"))
 
 
@@ -50,4 +50,4 @@ def test_a_change_in_a_model_or_in_an_adjustment_makes_no_quality_check_stale() 
 
 
 def test_a_change_in_a_cause_makes_the_diagnosis_stale() -> None:
-    assert all(any(map(room.match, closure("diagnose"))) for room in (CAUSES, SEARCH))
+    assert all(any(map(pattern.match, closure("diagnose"))) for pattern in (CAUSES, SEARCH))
