@@ -56,6 +56,11 @@ class State:
         return self.covariates["temperature_c"] - self.reference_temperature_c
 
     @property
+    def heat(self) -> NDArray:
+        """The same under its former name, for causes of labs."""
+        return self.temperature_rise
+
+    @property
     def delta_rho(self) -> NDArray:
         """Displacement (B, L) from the reference reading, m."""
         return self.rho - self.legs.rho0
