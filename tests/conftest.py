@@ -96,6 +96,15 @@ def sample_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def robot_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``robot``, a copy of ``sample_data/robot``, and ``run``, its run as far as the diagnosis; not to be
+    written to."""
+    from tests.workplace import run_robot
+
+    return made_once(tmp_path_factory, "robot-run", run_robot)
+
+
+@pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of real measurements, which are not ours to copy: a test that needs them skips without."""
     folder = Path(os.environ.get("TRUING_REAL_DATA", PROJECT.parent / "shared" / "data"))
