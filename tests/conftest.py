@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import typer.testing
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 from tests.cpu_time import CpuTime
 from tests.made_once import made_once
@@ -27,6 +28,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Each call of `CliRunner.invoke` builds the same commands from signatures again, which takes longer than many calls.
 typer.testing._get_command = cache(typer.testing._get_command)
+
+# Hypothesis would parse every module of the project that was imported, for constants to draw: examples would depend on
+# which other tests are collected.
+providers._get_local_constants = lambda: providers._local_constants
 
 settings.register_profile(
     "project",
@@ -93,6 +98,15 @@ def sample_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from docs.experiments.calibration import run_sample
 
     return made_once(tmp_path_factory, "sample-run", lambda place: run_sample(place / "run", "calibrate")) / "run"
+
+
+@pytest.fixture(scope="session")
+def robot_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``robot``, a copy of ``sample_data/robot``, and ``run``, its run as far as the diagnosis; not to be
+    written to."""
+    from tests.workplace import run_robot
+
+    return made_once(tmp_path_factory, "robot-run", run_robot)
 
 
 @pytest.fixture(scope="session")

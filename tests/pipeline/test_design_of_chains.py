@@ -24,8 +24,8 @@ COLUMNS = [f"{joint}_deg" for joint in JOINTS]
 LIMITS = np.array([[-150, 150], [-45, 75], [-120, 60], [-170, 170], [-100, 100], [-175, 175]], float)
 
 
-def call(*words: object, command: str = "design") -> Result:
-    return CliRunner().invoke(app, [command, *map(str, words)])
+def call(*words: object) -> Result:
+    return CliRunner().invoke(app, ["design", *map(str, words)])
 
 
 def planned(folder: Path, *left_out: str, workspace: str = "") -> Path:
@@ -69,11 +69,9 @@ def test_poses_lie_within_the_limits_and_near_the_proven_best(designed: tuple[Pa
     assert len(readings(out, "verification")) == 4
 
 
-def test_expected_sigmas_are_those_of_the_diagnosis(designed: tuple[Path, str], tmp_path: Path) -> None:
+def test_expected_sigmas_are_those_of_the_diagnosis(designed: tuple[Path, str], robot_run: Path) -> None:
     """Of the campaign's own poses; the diagnosis also fits the effects that it found, and estimates the noise."""
-    code = call(SAMPLE, "--out", tmp_path / "run", command="run")
-    assert code.exit_code == 0, code.output
-    rows = pq.read_table(tmp_path / "run" / "chain_parameters.parquet").to_pylist()
+    rows = pq.read_table(robot_run / "run" / "chain_parameters.parquet").to_pylist()
     sigma = {row["joint"]: row["sigma"] for row in rows if row["parameter"] == "offset"}
     own = numbers(designed[0], "own")
     assert set(sigma) == set(JOINTS)

@@ -22,6 +22,7 @@ from tests.blind.generator.axis import AxisLayout, record, write
 from tests.blind.generator.schedule import random_moves
 from tests.broken.good import axis
 from tests.cut_telescope import cut_telescope
+from tests.ignored_causes import search_only
 from tests.photographs.ray_folder import write_rays
 from tests.photographs.rays import Shooting, draw_rays
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
@@ -186,7 +187,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     write_campaign(folder / "plated", *measured(np.random.default_rng(3)), campaign_toml(more=BEAMS + PLATES))
     for number, (notation, instrument) in enumerate(ARMS):
         arm = draw(number, notation=notation, instrument=instrument, causes=(), poses=20)
-        write_arm(arm, folder / f"arm-{notation}")
+        search_only(write_arm(arm, folder / f"arm-{notation}"))
     views: dict[str, list[SettingsView]] = {}
 
     with pytest.MonkeyPatch.context() as patch:

@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from tests.ignored_causes import search_only
 from tests.report.explained import unexplained
 from tests.second_hand import iso_figures as second
 from tests.tolerance import assert_between, assert_close
@@ -89,6 +90,7 @@ def _campaign(folder: Path, repeats: int, named: bool = False) -> list[tuple[int
 
 
 def _run(folder: Path) -> Path:
+    search_only(folder)
     done = CliRunner().invoke(app, ["run", str(folder), "--out", str(folder.with_name("run"))])
     assert done.exit_code == 0, done.output
     return folder.with_name("run")

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from tests.blind.generator.arms.draw import draw, record
 from tests.blind.generator.arms.folder import write
+from tests.ignored_causes import search_only
 from truing.pipeline.command_line import app
 from truing.report.chain_inseparable import inseparable_listing
 from truing.runs.recorded_run import load
@@ -25,7 +26,7 @@ STILL = 3  # joint4 in the second campaign
 
 
 def _run(folder: Path) -> Path:
-    out = folder.with_name(f"{folder.name}-run")
+    out = search_only(folder).with_name(f"{folder.name}-run")
     done = CliRunner().invoke(app, ["run", str(folder), "--out", str(out), "--qa", "warn"])
     assert done.exit_code == 0, done.output
     return out

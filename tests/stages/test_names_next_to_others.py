@@ -5,19 +5,17 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pandas as pd
 import pytest
-
-from tests.stages.line import run_line
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "robot"
 
 
 @pytest.mark.slow
-def test_both_hidden_effects_of_the_sample_robot_are_found() -> None:
+def test_both_hidden_effects_of_the_sample_robot_are_found(robot_run: Path) -> None:
     """Until the eccentricity of the elbow is known, the upper arm may bend, where the shoulder is compliant."""
     hidden = json.loads(SAMPLE.with_name("robot.truth.json").read_text(encoding="utf-8"))["effects"]
-    tables, _ = run_line(SAMPLE, "ingest", "qa", "pose", "diagnose")
-    rows = tables["diagnosis"].to_pandas()
+    rows = pd.read_parquet(robot_run / "run" / "diagnosis.parquet")
     found = rows[rows["verdict"] == "found"]
     assert set(zip(found["cause"], found["subject"], strict=True)) == {(e["cause"], e["subject"]) for e in hidden}
     assert (found["probability"] > 0.99).all()

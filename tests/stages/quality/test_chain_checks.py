@@ -293,20 +293,16 @@ def test_zeros_far_off_warn_because_the_diagnosis_can_correct_them(
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def runs(robot_run: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Runs of the robot up to the diagnosis: as it is, and with a joint whose zero is off by a right angle."""
-
-    def run(name: str, changed: Callable[[pd.DataFrame], None]) -> Path:
-        home = tmp_path_factory.mktemp(name)
-        campaign = shutil.copytree(ROBOT, home / "robot")
-        table = pd.read_csv(campaign / "configurations.csv")
-        changed(table)
-        table.to_csv(campaign / "configurations.csv", index=False)
-        words = ["run", str(campaign), "--out", str(home / "run"), "--only", "diagnose", "--quiet"]
-        assert CliRunner().invoke(app, words).exit_code == 0
-        return home
-
-    return {"right": run("right", lambda table: None), "off": run("off", a_forgotten_right_angle)}
+    off = tmp_path_factory.mktemp("off")
+    campaign = shutil.copytree(ROBOT, off / "robot")
+    table = pd.read_csv(campaign / "configurations.csv")
+    a_forgotten_right_angle(table)
+    table.to_csv(campaign / "configurations.csv", index=False)
+    words = ["run", str(campaign), "--out", str(off / "run"), "--only", "diagnose", "--quiet"]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    return {"right": robot_run, "off": off}
 
 
 def test_a_zero_far_off_is_a_finding_with_its_size(runs: dict[str, Path]) -> None:

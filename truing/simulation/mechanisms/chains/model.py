@@ -215,7 +215,7 @@ class ChainModel(EffectsModel[ChainCause]):
         if self.conditions.deviations is not None:
             result += self.conditions.deviations
         result += self.known.modes @ shared[self.layout["links"]]
-        for part, slopes in self._geometry_twists():
+        for part, slopes in self._geometry_twists:
             result += slopes @ shared[part]
         if self.local_size:
             result += np.einsum("bh,hni->bni", local * self._input_factor, self._reading_twists)
@@ -241,8 +241,9 @@ class ChainModel(EffectsModel[ChainCause]):
         base = self.known.base_R[series], self.known.base_t[series]
         return self.tree.frames(self.own_conditions.readings, self.twists(shared, local), base)
 
+    @cached_property
     def _geometry_twists(self) -> list[tuple[slice, NDArray]]:
-        """Return the twists (B or 1, N, 6, P) per unknown of base and joint zeros."""
+        """Twists (B or 1, N, 6, P) per unknown of base and joint zeros."""
         result: list[tuple[slice, NDArray]] = []
         if self.known.is_base_free:
             series = np.eye(len(self.known.base_t))[self.conditions.series]
@@ -255,7 +256,7 @@ class ChainModel(EffectsModel[ChainCause]):
             )
         return result
 
-    @property
+    @cached_property
     def _reading_twists(self) -> Array:
         """Twists (H, N, 6) per local unknown."""
         noisy = self.noisy
@@ -321,7 +322,7 @@ class ChainModel(EffectsModel[ChainCause]):
         slopes[..., self.layout["links"]] = (flat @ self.known.modes.reshape(flat.shape[-1], -1)).reshape(
             count, channels, 3, -1
         )
-        for part, twists in self._geometry_twists():
+        for part, twists in self._geometry_twists:
             slopes[..., part] += (flat @ twists.reshape(len(twists), flat.shape[-1], -1)).reshape(
                 count, channels, 3, -1
             )

@@ -54,10 +54,10 @@ def start_values(
     is_known = np.isfinite(surveyed).all(1)
     shape = np.where(is_known[:, None], surveyed, 0.0)
     tool = np.tile(np.eye(3), (len(shape), 1, 1))
-    R, t = _aligned(tree, channels, conditions, values, is_observed, shape) if base is None else base
-    for k in np.flatnonzero(channels.is_rotation):
-        tool[k] = _tool(tree, channels, conditions, R, is_observed, int(k))
     problem = _Problem(tree, channels, conditions, values, is_observed, np.flatnonzero(~is_known), base is None)
+    R, t = problem.aligned(shape) if base is None else base
+    for k in np.flatnonzero(channels.is_rotation):
+        tool[k] = problem.mean_tool(R, int(k))
     return problem.refined(_Geometry(R, t, shape, tool))
 
 
@@ -106,6 +106,32 @@ class _Problem:
     def _on_base(self) -> TreeFrames:
         """Frames of all nodes on a base that stands in the frame of the measurement."""
         return self.tree.frames(self.conditions.readings, self.conditions.deviations)
+
+    def aligned(self, shape: NDArray) -> tuple[Array, Array]:
+        """Return R (S, 3, 3), t (S, 3) of the base that align nominal positions (K, 3) in links with the measured
+        ones."""
+        frames, conditions = self._on_base, self.conditions
+        rows = np.flatnonzero(~self.channels.is_rotation)
+        nodes = self.channels.node[rows]
+        positions = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], shape[rows])
+        R, t = np.empty((conditions.series.max() + 1, 3, 3)), np.empty((conditions.series.max() + 1, 3))
+        for s in range(len(R)):
+            used = self.is_observed[:, rows] & (conditions.series == s)[:, None]
+            if used.sum() < 3:
+                raise ValueError(f"needs at least 3 measured positions in each frame, found {int(used.sum())}")
+            fit = umeyama(positions[used][None], self.values[:, rows][used][None])
+            R[s], t[s] = fit.R[0], fit.t[0]
+            if not np.isfinite(R[s]).all():  # origins that stand still, as those of first links, show no orientation
+                R[s] = np.eye(3)
+                t[s] = (self.values[:, rows][used] - positions[used]).mean(0)
+        return R, t
+
+    def mean_tool(self, base: NDArray, k: int) -> Array:
+        """Return the mean orientation (3, 3) of a measured tool in its link, for a base R (S, 3, 3)."""
+        inner = np.swapaxes(base[self.conditions.series] @ self._on_base.R[:, self.channels.node[k]], -1, -2)
+        total = np.sum((inner @ self.conditions.reference[:, k])[self.is_observed[:, k]], 0)
+        left, _, right = np.linalg.svd(total)
+        return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
     def _links(self, places: _Geometry) -> tuple[Array, Array]:
         """Return R (B, K, 3, 3), t (B, K, 3), m, of the links of the channels: the base moves them all equally."""
@@ -208,43 +234,6 @@ class _Problem:
         spread = _spread(self.values[:, ~turned], self.is_observed[:, ~turned])
         shape = np.where(turned[:, None], 0.0, places.shape)
         return StartValues(places.R, places.t, shape, places.tool, misfit, spread, left)
-
-
-def _aligned(
-    tree: Tree,
-    channels: MeasuredChannels,
-    conditions: ChainConditions,
-    values: NDArray,
-    is_observed: Mask,
-    shape: NDArray,
-) -> tuple[Array, Array]:
-    """Return R (S, 3, 3), t (S, 3) of the base that align the nominal positions with the measured ones."""
-    frames = tree.frames(conditions.readings, conditions.deviations)
-    rows = np.flatnonzero(~channels.is_rotation)
-    nodes = channels.node[rows]
-    positions = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], shape[rows])
-    R, t = np.empty((conditions.series.max() + 1, 3, 3)), np.empty((conditions.series.max() + 1, 3))
-    for s in range(len(R)):
-        used = is_observed[:, rows] & (conditions.series == s)[:, None]
-        if used.sum() < 3:
-            raise ValueError(f"needs at least 3 measured positions in each frame, found {int(used.sum())}")
-        fit = umeyama(positions[used][None], values[:, rows][used][None])
-        R[s], t[s] = fit.R[0], fit.t[0]
-        if not np.isfinite(R[s]).all():  # origins that stand still, as those of the first links, show no orientation
-            R[s] = np.eye(3)
-            t[s] = (values[:, rows][used] - positions[used]).mean(0)
-    return R, t
-
-
-def _tool(
-    tree: Tree, channels: MeasuredChannels, conditions: ChainConditions, base: NDArray, is_observed: Mask, k: int
-) -> Array:
-    """Return the mean orientation (3, 3) of a measured tool in its link."""
-    turned = tree.frames(conditions.readings, conditions.deviations).R[:, channels.node[k]]
-    inner = np.swapaxes(base[conditions.series] @ turned, -1, -2)
-    total = np.sum((inner @ conditions.reference[:, k])[is_observed[:, k]], 0)
-    left, _, right = np.linalg.svd(total)
-    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
 
 def _spread(values: NDArray, is_observed: Mask) -> float:

@@ -62,14 +62,19 @@ class TreeFrames:
     """Frames of N nodes at B poses, in the frame of the base's parent, m.
 
     ``R_before``, ``origin``: the joint's frame, deviations included, before the joint moves; ``R``, ``t``: the link.
-    ``slope`` (B, N, 3, 3) is the rotation per unit of the twist's rotation vector.
+    ``rotations`` (B or 1, N, 3), rad, are the rotation vectors of the twists; None without twists.
     """
 
     R_before: NDArray
     origin: NDArray
     R: NDArray
     t: NDArray
-    slope: NDArray
+    rotations: NDArray | None
+
+    @cached_property
+    def slope(self) -> NDArray:
+        """Rotation (B, N, 3, 3) per unit of the twist's rotation vector; only derivatives need it."""
+        return self.R_before if self.rotations is None else self.R_before @ left_jacobian_so3(self.rotations)
 
 
 @dataclass(frozen=True)
@@ -172,11 +177,16 @@ class Tree:
                 after = after @ turned[:, k]
             moved = 0.0 if self.input_of[k] < 0 else node.factor * readings[:, self.input_of[k]] + node.shift
             origin[:, k] = t[:, k] = at
-            R[:, k] = after @ _about(node.axis, moved) if node.kind is JointKind.REVOLUTE else after
+            R[:, k] = after @ _about(*self._turns[k], moved) if node.kind is JointKind.REVOLUTE else after
             if node.kind is JointKind.PRISMATIC:
                 t[:, k] += np.multiply.outer(moved, np.ones(3)) * (after @ node.axis)
-        slope = before if twists is None else before @ left_jacobian_so3(twists[..., 3:])
-        return TreeFrames(before, origin, R, t, slope)
+        return TreeFrames(before, origin, R, t, None if twists is None else twists[..., 3:])
+
+    @cached_property
+    def _turns(self) -> tuple[tuple[Array, Array], ...]:
+        """Cross-product matrix (3, 3) of each node's axis, and its square."""
+        across = [skew(node.axis) for node in self.nodes]
+        return tuple((one, one @ one) for one in across)
 
     def reading_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
         """Return the derivatives (B, K, 6, n) of places and rotations (p, theta) of the links of nodes (K,) by all
@@ -338,8 +348,8 @@ def _crossed(first: NDArray, second: NDArray) -> Array:
     return result
 
 
-def _about(axis: NDArray, angle: NDArray | float) -> Array:
-    """Return the rotations (..., 3, 3) by angles (...), rad, about a unit axis (3,) (Rodrigues)."""
-    across = skew(axis)
+def _about(across: NDArray, squared: NDArray, angle: NDArray | float) -> Array:
+    """Return the rotations (..., 3, 3) by angles (...), rad, about a unit axis, of which the cross-product matrix
+    (3, 3) and its square are given (Rodrigues)."""
     sine, rest = np.sin(angle)[..., None, None], 2.0 * np.sin(0.5 * np.asarray(angle))[..., None, None] ** 2
-    return np.asarray(np.eye(3) + sine * across + rest * (across @ across))
+    return np.asarray(np.eye(3) + sine * across + rest * squared)
