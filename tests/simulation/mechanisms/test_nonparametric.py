@@ -53,3 +53,10 @@ def test_friction_is_claimed_of_the_legs_alone_where_it_is_clear():
     clear = friction.narrowed(stops.ravel(), np.eye(18) * sigma**2, 6)
     assert (clear.subject, clear.inputs(6)) == ("leg2 leg5", ("rho2_mm", "rho5_mm"))
     assert friction.narrowed(np.full(18, 1e-5), np.eye(18) * sigma**2, 6) == friction
+
+
+def test_a_dependence_that_no_data_determine_is_claimed_of_all_legs():
+    friction = NonparametricMechanismEffect(
+        columns=STOPPED, centres=(0.0,) * 3, half_ranges=(1.0,) * 3, form=HISTORY, degree=3
+    )
+    assert friction.narrowed(np.zeros(18), np.zeros((18, 18)), 6) == friction
