@@ -131,6 +131,17 @@ def test_a_physical_cause_is_no_slip(change) -> None:
     assert not tested.slips
 
 
+def test_a_channel_that_shows_no_response_to_its_load_is_named_with_its_runs() -> None:
+    """In both runs of an axis, so that no other shows its response; and with noise, so that it is not frozen."""
+
+    def silent(moved: np.ndarray, load: np.ndarray) -> np.ndarray:
+        return np.where((load[:, 5] != 0.0)[:, None] & (np.arange(6) == 5), 0.0, moved)
+
+    tested = against_simulation(_loaded(silent, repeats=2), CHANNELS, sensor().compliance)
+    assert (tested.state, tested.reason) == (RelationState.FAILS, "slip")
+    assert [(slip.kind, slip.subjects) for slip in tested.slips] == [(SlipKind.SILENT, ("rz", "run 11", "run 12"))]
+
+
 def _eccentric(load: np.ndarray) -> np.ndarray:
     return np.column_stack([load[:, :3], load[:, 3:] + np.cross([0.01, -0.005, 0.0], load[:, :3])])
 

@@ -35,6 +35,7 @@ _DEPARTS, _NO_SUCH = np.log(2.0), np.log(3.0)  # log ratio of main responses to 
 _MAIN = 0.3  # least share of the largest possible response that makes a response a main one
 _LINEAR = 0.1
 _EVERYWHERE = 0.5  # share of the main responses
+_NO_RESPONSE, _SURELY = 0.1, 3.0  # share of the expected response, and sigmas, below which a column shows none
 _RANGE = 0.003  # least ratio of the largest load to the declared range in a planned campaign
 _STIFFNESS = "stiffness in [mechanism]"
 MILLIVOLT = 1e-3
@@ -46,7 +47,8 @@ _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], compliance: Array) -> RelationTest:
     """Return the test of readings against loads, with the rows (K, 6) of the simulated compliance that columns show."""
-    measured = clear_responses(responses(steps.load, steps.run, steps.value), len(columns))
+    every = responses(steps.load, steps.run, steps.value)
+    measured = clear_responses(every, len(columns))
     if not len(measured):
         return RelationTest(READINGS, RelationState.NOT_TESTED, "no-response")
     expected = by_compliance(compliance)
@@ -67,6 +69,9 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], co
     if (exact := _exact_factor(measured, expected, columns)) is not None:
         sizes = (named_shortly(exact.slip.subjects), 100.0 * exact.before, 100.0 * exact.after, None, "%")
         return RelationTest(READINGS, RelationState.FAILS, "slip", *sizes, (exact.slip,), tried=explained.tried)
+    if silent := _silent(every, measured, expected, columns, steps.runs):
+        sizes = (named_shortly(silent[0].subjects), 100.0, None, None, "%")
+        return RelationTest(READINGS, RelationState.FAILS, "slip", *sizes, silent, tried=explained.tried)
     of_all_runs = [trial for trial in overall if not any(name in steps.runs for name in trial.slip.subjects)]
     unseen = (*hidden(measured, expected, of_all_runs), *_hardly_answering(measured, expected, steps.runs))
     return explained.tested(READINGS, *_departure(measured, expected), unseen)
@@ -110,6 +115,35 @@ def _hardly_answering(measured: Responses, expected: ExpectedResponse, runs: Seq
     return tuple(RecordSlip(kind, "reading", idle) for kind in (SlipKind.UNIT, SlipKind.SIGN)) if idle else ()
 
 
+def _silent(
+    every: Responses,
+    clear: Responses,
+    expected: ExpectedResponse,
+    columns: Sequence[RecordedColumn],
+    runs: Sequence[str],
+) -> tuple[RecordSlip, ...]:
+    """Return the columns that show hardly any of a main response, one slip each, where most main responses are right.
+
+    Such a response is not among the clear ones: next to it there is only noise.
+    """
+    main, share, wanted = _main(clear, expected)
+    if not main.any() or np.median(_scaled_misses(share, wanted)[main]) > _DEPARTS:
+        return ()
+    main, share, wanted = _main(every, expected)
+    sigma = every.sigma / expected.possible(every.column, every.direction)
+    silent = main & (np.abs(share) + _SURELY * sigma < _NO_RESPONSE * np.abs(wanted))
+    found = []
+    for k in np.unique(every.column[silent]).tolist():
+        where = tuple(runs[run] for run in np.unique(every.run[silent & (every.column == k)]).tolist())
+        found.append(RecordSlip(SlipKind.SILENT, columns[k].quantity, (columns[k].name, *where)))
+    return tuple(found)
+
+
+def _scaled_misses(share: Array, wanted: Array) -> Array:
+    """Return the differences of responses and expectations, shares of the possible ones, by ratios above a tenth."""
+    return np.asarray(np.abs(np.arcsinh(share / _LINEAR) - np.arcsinh(wanted / _LINEAR)))
+
+
 def _main(measured: Responses, expected: ExpectedResponse) -> tuple[Mask, Array, Array]:
     """Return True for main responses (C,), and responses and expectations as shares of the largest possible ones."""
     possible = expected.possible(measured.column, measured.direction)
@@ -133,7 +167,7 @@ def _departure(measured: Responses, expected: ExpectedResponse) -> tuple[Relatio
     main, share, wanted = _main(measured, expected)
     if not main.any():
         return RelationState.NOT_TESTED, "no-main-response"
-    off = np.abs(np.arcsinh(share / _LINEAR) - np.arcsinh(wanted / _LINEAR))[main]
+    off = _scaled_misses(share, wanted)[main]
     if np.quantile(off, _EVERYWHERE) > _NO_SUCH:
         return RelationState.FAILS, "no-slip"
     each = [np.median(off[measured.run[main] == run]) for run in np.unique(measured.run[main])]
