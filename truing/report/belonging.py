@@ -283,18 +283,31 @@ def _late(slip: RecordSlip) -> str:
     return f"{slip.quantity} {'late' if slip.offset > 0.0 else 'early'} by {abs(slip.offset):.3g} s ({causes}): {cure}"
 
 
-_FRAMES = {
-    "base": "in the frame of the poses, that of a_mm lies at {place}",
-    "platform": "in the frame of b_mm, that of the measured body lies at {place}",
+# Where frames of base and platform lie, and the remedy, by what gave the poses.
+_FRAMES_OF = {
+    "measured poses": (
+        {
+            "base": "in the frame of the poses, that of a_mm lies at {place}",
+            "platform": "in the frame of b_mm, that of the measured body lies at {place}",
+        },
+        "give the poses of the base too (body base), or transform poses or joints",
+    ),
+    "points and survey": (
+        {
+            "base": "in the base's frame of targets.csv, that of a_mm lies at {place}",
+            "platform": "in the frame of b_mm, the platform's of targets.csv lies at {place}",
+        },
+        "give the survey of each body in the frame of its joints",
+    ),
 }
 
 
 def _other_frame(slip: RecordSlip) -> str:
+    names, cure = _FRAMES_OF.get(slip.quantity, _FRAMES_OF["measured poses"])
     places = []
     for body, numbers in slip.frames:
         at, turn = (" ".join(f"{number:g}" for number in part) for part in (numbers[:3], numbers[3:]))
-        places.append(_FRAMES[body].format(place=f"about ({at}) mm, rotated by ({turn}) deg"))
-    cure = "give the poses of the base too (body base), or transform poses or joints"
+        places.append(names[body].format(place=f"about ({at}) mm, rotated by ({turn}) deg"))
     return f"{slip.quantity} in other frames than a_mm and b_mm of [mechanism] ({', and '.join(places)}): {cure}"
 
 
