@@ -23,9 +23,6 @@ _FIGURE = ("figure", "subject", "value")
 _BEYOND = 5.0  # sigmas
 # Relative difference of lengths: thermal growth is smaller, and smaller differences are reported bar by bar.
 _MATTERS = 5e-4
-# The same of a bar that contradicts another bar and a third length: of bars in one room, growth differs by less.
-_MATTERS_OF_BAR = 2e-4
-_AGREE = 0.5  # share of that difference by which the others may differ
 _NOISY = 2.0  # noise of image coordinates over what is stated, from which on lengths may err by the rays
 _LEAST = 1e-9
 _SURVEY = "survey of "
@@ -100,15 +97,9 @@ def scale_contradiction(figures: Figures) -> Contradiction | None:
     sigma = float(np.sqrt(sum(1.0 / np.sum(s[part] ** -2) for part in (odd, ~odd))))
     by = mean[0] / mean[1] - 1.0
     sides = [tuple(name for name, is_odd in zip(names, part, strict=True) if is_odd) for part in (odd, ~odd)]
-    has_bars = len(names) > 2 and all(any(_is_bar(name) for name in side) for side in sides)
-    is_bar_alone = has_bars and odd.sum() == 1 and float(np.ptp(x[~odd])) <= _AGREE * abs(by)
-    if abs(by) <= max(_MATTERS_OF_BAR if is_bar_alone else _MATTERS, _BEYOND * sigma):
+    if abs(by) <= max(_MATTERS, _BEYOND * sigma):
         return None
     return Contradiction(sides[0], sides[1], by, sigma, max(figures["noise over stated"].values(), default=1.0))
-
-
-def _is_bar(name: str) -> bool:
-    return not name.startswith((_SURVEY, "the survey"))
 
 
 def _statements(figures: Figures) -> tuple[list[str], Array, Array]:
