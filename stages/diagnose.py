@@ -30,7 +30,8 @@ _NOISE = ("point_mm", "actuator_mm", "signal_mv", "load_n", "load_nm")
 _SECTIONS = ("loading", "interferometer", "signals", "bodies", "workspace", "exclude", "keep")
 _RULES = ("false_alarm", "seed", "apply", "ignore")
 _WHY_SINGULAR = {  # by whether the mechanism has legs
-    True: "the fit left the reach of the legs: geometry, survey or readings have large errors",
+    True: "the equations of a fit have no single solution: at a tested size of some effect the legs are out of reach "
+    "or hold the platform in no single place",
     False: "the equations of the fit have no single solution: a quantity is not determined by these data, or a "
     "declared noise is far smaller than the others",
 }

@@ -15,6 +15,7 @@ from truing.arrays import TableRow
 from truing.inference.noise import merged_by_driver
 from truing.report.diagnosis.assessed_causes import PARTLY_BY_FINDINGS, REMAINDER, WITHOUT_FINDINGS
 from truing.report.diagnosis.findings import (
+    ESTIMATED_NOISE,
     Facts,
     NoiseFacts,
     explanation,
@@ -361,7 +362,8 @@ def _next_to_findings(attribution: Attributed) -> dict[str, bool]:
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Noise larger than declared is structure too: an unknown effect moves the measurements."""
     missed = shown.rms(final.error), shown.floor(final.floor)
-    text = noise_explanation(NoiseFacts(level.ratio, level.sigma, *missed, shown.unit, expected=shown.noise))
+    expected = shown.noise if shown.is_noise_known else ESTIMATED_NOISE
+    text = noise_explanation(NoiseFacts(level.ratio, level.sigma, *missed, shown.unit, expected=expected))
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
 
 

@@ -23,6 +23,7 @@ _FIGURE = ("figure", "subject", "value")
 _BEYOND = 5.0  # sigmas
 # Relative difference of lengths: thermal growth is smaller, and smaller differences are reported bar by bar.
 _MATTERS = 5e-4
+_NOISY = 2.0  # noise of image coordinates over what is stated, from which on lengths may err by the rays
 _LEAST = 1e-9
 _SURVEY = "survey of "
 # Checks that a wrong scale trips: nothing follows from them before it is mended.
@@ -51,12 +52,16 @@ def rows_of(table: pa.Table, column: str, value: object) -> pa.Table:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A length, or several, that contradict the others: names, relative difference, its sigma."""
+    """A length, or several, that contradict the others: names, relative difference, its sigma.
+
+    ``noise``: noise of image coordinates over what is stated, of the noisiest kind of target.
+    """
 
     odd: tuple[str, ...]
     others: tuple[str, ...]
     by: float
     sigma: float
+    noise: float = 1.0
 
     @property
     def sentence(self) -> str:
@@ -65,9 +70,18 @@ class Contradiction:
         odd, others = listed(self.odd), listed(self.others)
         if len(self.others) == 1:
             text = f"{odd} and {others} contradict each other about the scale: lengths by {odd} are {size}."
-            return f"{text} One of them is wrong; a third length would show which."
+            return f"{text} One of them is wrong; a third length would show which.{self._rays}"
         text = f"{odd} contradicts {others} about the scale: lengths by {odd} are {size}, and the others agree."
-        return f"{text} Check its length, its ends and its unit."
+        return f"{text} Check its length, its ends and its unit.{self._rays}"
+
+    @property
+    def _rays(self) -> str:
+        if self.noise < _NOISY:
+            return ""
+        return (
+            f" But the noise of image coordinates is {self.noise:.1f} times what is stated: where the distortion of a "
+            "camera is incomplete (free of [[cameras]]) or rays are wrong, lengths err, too."
+        )
 
 
 def scale_contradiction(figures: Figures) -> Contradiction | None:
@@ -85,7 +99,7 @@ def scale_contradiction(figures: Figures) -> Contradiction | None:
     sides = [tuple(name for name, is_odd in zip(names, part, strict=True) if is_odd) for part in (odd, ~odd)]
     if abs(by) <= max(_MATTERS, _BEYOND * sigma):
         return None
-    return Contradiction(sides[0], sides[1], by, sigma)
+    return Contradiction(sides[0], sides[1], by, sigma, max(figures["noise over stated"].values(), default=1.0))
 
 
 def _statements(figures: Figures) -> tuple[list[str], Array, Array]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from truing.arrays import Array, Index
+from truing.arrays import Array, Index, Mask
 from truing.estimation.quality import find_drift
 from truing.estimation.suspect_units import (
     FEWEST,
@@ -23,6 +23,7 @@ from truing.report.numbers import count_text, duration, listed
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 
 _LEAST_POSES = 8  # that tell a walk from chance
+_LEAST_OF_STEP, _BY_STEP = 2, 0.9  # poses on either side of a step, and its least share of the squares
 _UNITS = {"d": "days", "h": "hours", "min": "minutes", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 _WORDS = {"K": "kelvin", "degF": "degrees Fahrenheit"}
 
@@ -51,8 +52,30 @@ def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Ite
         return
     message = f"{body.name}: no drift in the frame of the measurement."
     if walks:
-        message = f"{body.name}: drifts by {size:.3f} mm in the frame of the measurement, most at target {target}."
+        since = _step(body.points.points, body.good)
+        how, start = ("drifts", "") if since is None else ("jumps", f" from pose {body.points.poses[since]} on")
+        message = (
+            f"{body.name}: {how} by {size:.3f} mm in the frame of the measurement{start}, most at target {target}."
+        )
     yield Check("base-drift", body.name, size if walks else 0.0, 3.0 * sigma, "mm", WARN if walks else PASS, message)
+
+
+def _step(points: Array, good: Mask) -> int | None:
+    """Return the first pose after a single step of points (B, T, 3); None where they move otherwise.
+
+    Only poses that show all targets count. An even drift leaves a quarter of its squares next to the best step.
+    """
+    seen = np.flatnonzero(good.all(axis=1))
+    place = points[seen].reshape(len(seen), -1)
+    place = place - place.mean(axis=0)
+    first = np.arange(_LEAST_OF_STEP, len(seen) - _LEAST_OF_STEP + 1)
+    if not len(first):
+        return None
+    sums = np.cumsum(place, axis=0)[first - 1]
+    explained = np.sum(sums**2, axis=1) * (1.0 / first + 1.0 / (len(seen) - first))
+    best = int(np.argmax(explained))
+    is_step = explained[best] > _BY_STEP * np.sum(place**2)
+    return int(seen[first[best]]) if is_step else None
 
 
 def time_gaps(around: PoseSurroundings, limits: CampaignLimits) -> Check:

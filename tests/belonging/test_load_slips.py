@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,9 @@ from truing.belonging.copied_rows import Values, copied_runs
 from truing.belonging.frozen_values import constant_columns, frozen
 from truing.belonging.load_tests import against_range, against_simulation
 from truing.belonging.plausible_slips import RecordedColumn
-from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, RelationState, SlipKind
+from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, SIGNAL_FACTORS, RelationState, SlipKind
 from truing.belonging.row_order import row_slips
-from truing.belonging.signal_tests import SignalSteps
+from truing.belonging.signal_tests import SignalSteps, against_geometry
 from truing.pipeline.command_line import app
 from truing.stages.common.belonging import reason_withheld
 
@@ -129,6 +130,37 @@ def test_a_physical_cause_is_no_slip(change) -> None:
     tested = against_simulation(_loaded(change), CHANNELS, sensor().compliance)
     assert tested.state in (RelationState.OK, RelationState.ATTENTION)
     assert not tested.slips
+
+
+def test_a_channel_that_shows_no_response_to_its_load_is_named_with_its_runs() -> None:
+    """In both runs of an axis, so that no other shows its response; and with noise, so that it is not frozen."""
+
+    def silent(moved: np.ndarray, load: np.ndarray) -> np.ndarray:
+        return np.where((load[:, 5] != 0.0)[:, None] & (np.arange(6) == 5), 0.0, moved)
+
+    tested = against_simulation(_loaded(silent, repeats=2), CHANNELS, sensor().compliance)
+    assert (tested.state, tested.reason) == (RelationState.FAILS, "slip")
+    assert [(slip.kind, slip.subjects) for slip in tested.slips] == [(SlipKind.SILENT, ("rz", "run 11", "run 12"))]
+
+
+def test_a_signal_that_shows_no_response_to_its_loads_is_named_with_its_runs() -> None:
+    rng = np.random.default_rng(2)
+    lower_angle, upper_angle = np.deg2rad([15, 105, 135, 225, 255, 345]), np.deg2rad([45, 75, 165, 195, 285, 315])
+    lower = 0.26 * np.column_stack([np.cos(lower_angle), np.sin(lower_angle), np.zeros(6)])
+    upper = np.column_stack([0.19 * np.cos(upper_angle), 0.19 * np.sin(upper_angle), np.full(6, 0.18)])
+    along = (upper - lower) / np.linalg.norm(upper - lower, axis=1)[:, None]
+    legs = np.linalg.inv(np.vstack([along.T, np.cross(upper - [0.0, 0.0, 0.18], along).T]))
+    steps = _loaded(lambda moved, load: moved, repeats=2)
+    signal = 8e-7 * steps.load @ legs.T
+    signal[np.ix_(steps.run >= 8, [5])] = 0.0
+    signal += 1e-3 * np.abs(signal).max() * rng.standard_normal(signal.shape)
+    columns = [RecordedColumn(f"v{number}", "signal", SIGNAL_FACTORS) for number in range(1, 7)]
+    tested = against_geometry(replace(steps, value=signal), columns, legs, None)
+    assert tested is not None
+    assert (tested.state, tested.reason) == (RelationState.FAILS, "slip")
+    assert [slip.kind for slip in tested.slips] == [SlipKind.SILENT]
+    assert set(tested.slips[0].subjects) <= {"v6", "run 9", "run 10", "run 11", "run 12"}
+    assert tested.slips[0].subjects[0] == "v6"
 
 
 def _eccentric(load: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from truing.belonging.reading_tests import relate_readings as relations
 from truing.belonging.relation import RelationState, SlipKind
 from truing.belonging.target_names import NamedTargets
 from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.legs.kinematics import forward
+from truing.simulation.mechanisms.legs.kinematics import forward, inverse
 
 NOISE = 2e-6
 TOLERANCE = {"a": 5e-4, "b": 5e-4, "l": 5e-4, "u": 2e-3}
@@ -102,6 +102,43 @@ def test_a_slip_in_the_description_is_named(change, kind: SlipKind, quantity: st
     found = next(one for one in relations(wrong, names) if one.relation == "readings-against-poses")
     assert found.state is RelationState.FAILS
     assert [(slip.kind, slip.quantity, slip.subjects) for slip in found.slips] == [(kind, quantity, subjects)]
+
+
+def _turned_by(degrees: list[float]) -> np.ndarray:
+    return Rotation.from_rotvec(degrees, degrees=True).as_matrix()
+
+
+@pytest.mark.parametrize("turn", [[1.0, -2.0, 170.0], [0.0, 0.0, -15.0], [30.0, 40.0, 80.0]])
+def test_poses_in_the_frame_of_an_instrument_are_named_with_its_place(turn: list[float]) -> None:
+    motion, names = _motion(_travel(size=5e-3))
+    R, t, tool, place = _turned_by(turn), np.array([1.2, -0.4, 2.0]), _turned_by([0.0, 5.0, 40.0]), [0.02, 0.01, 0.1]
+    p = t + (motion.p + motion.R @ place) @ R.T
+    seen = replace(motion, p=p, R=R @ motion.R @ tool)
+    found = next(one for one in relations(seen, names) if one.relation == "readings-against-poses")
+    assert (found.state, found.reason) == (RelationState.FAILS, "slip")
+    assert [slip.kind for slip in found.slips] == [SlipKind.OTHER_FRAME]
+    frames = dict(found.slips[0].frames)
+    assert_close(frames["base"], [*(1e3 * t), *turn], atol=2.0)
+    assert_close(frames["platform"][:3], [20.0, 10.0, 100.0], atol=2.0)
+    assert found.misfit_explained is not None
+    assert found.misfit_explained < 0.05
+
+
+def test_rows_that_fit_nowhere_are_not_said_to_be_exchanged() -> None:
+    """Among poses far from their readings, chance finds an order of rows that fits a little better."""
+    rng = np.random.default_rng(29)
+    own, count = _legs(), 60
+    legs = mechanism("ups", own.a, own.b, None, np.full(6, 0.5), np.zeros(6))
+    p = np.array([0.0, 0.0, 0.5]) + rng.uniform(-0.04, 0.04, (count, 3))
+    R = Rotation.from_rotvec(rng.uniform(-0.12, 0.12, (count, 3))).as_matrix()
+    readings = inverse(legs, p, R).real + NOISE * rng.standard_normal((count, 6))
+    turn = _turned_by([-1.0, 2.5, 170.0])
+    seen = MeasuredMotion(
+        legs, TOLERANCE, np.array([1.2, -0.4, -1.3]) + p @ turn.T, turn @ R, readings, NOISE, np.zeros((count, 0))
+    )
+    names = ReadingNames(tuple(f"rho{leg}_mm" for leg in range(1, 7)), tuple(str(pose) for pose in range(count)))
+    found = next(one for one in relations(seen, names) if one.relation == "readings-against-poses")
+    assert [slip.kind for slip in found.slips] == [SlipKind.OTHER_FRAME]
 
 
 def test_names_of_targets_in_any_order_are_found() -> None:

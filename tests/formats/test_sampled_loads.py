@@ -18,3 +18,17 @@ def test_rows_that_repeat_a_load_raise_the_question_of_samples(tmp_path: Path, p
     guess = sniff_file(file)
     assert guess.table == "signals"
     assert any("average_samples" in doubt for doubt in guess.doubts) is asks
+
+
+@pytest.mark.parametrize(("name", "per_run"), [("Run", 7), ("Lauf-Nr", 7), ("Serie", 7), ("Run", 1)])
+def test_a_column_of_runs_is_read_and_one_that_counts_rows_is_not(tmp_path: Path, name: str, per_run: int) -> None:
+    rows = "".join(f"{1 + k // per_run},{k},{10 * (k % 7)},0,0,0,0,0,{0.1 * k:.3f},{k % 3}\n" for k in range(42))
+    file = tmp_path / "log.csv"
+    file.write_text(f"{name},No,Fx [N],Fy [N],Fz [N],Mx [Nm],My [Nm],Mz [Nm],Ch1 [mV/V],Ch2 [mV/V]\n{rows}")
+    guess = sniff_file(file)
+    assert guess.table == "signals"
+    if per_run > 1:
+        assert guess.mapping["columns"]["run"] == name
+        assert "run" not in guess.mapping.get("constants", {})
+    else:
+        assert guess.mapping["constants"] == {"run": "1"}

@@ -150,6 +150,18 @@ def test_only_a_body_declared_at_rest_can_drift(tmp_path):
     assert drift["value"] == pytest.approx(np.sqrt(3.0) * 50.0 * 11, rel=0.5)
 
 
+def test_a_base_that_moves_once_is_not_said_to_drift(tmp_path):
+    """An instrument that was knocked, or set up again after a break."""
+    folder = _folder(tmp_path, FIXED)
+    head, *lines = (folder / "points.csv").read_text(encoding="utf-8").splitlines()
+    moved = [_shifted(line, 0.002, lambda pose: 40 * (int(pose) >= 20)) if ",base," in line else line for line in lines]
+    (folder / "points.csv").write_text("\n".join([head, *moved]) + "\n", encoding="utf-8")
+    row = _rows(run_line(folder, "ingest", "qa")[0]["qa"].to_pandas(), "base-drift").loc["base"]
+    assert row["verdict"] == "warn"
+    assert "jumps" in row["message"]
+    assert "from pose 20 on" in row["message"]
+
+
 def test_a_base_that_walks_in_a_fixed_frame_is_reported_with_its_size(tmp_path):
     folder = _folder(tmp_path, FIXED)
     head, *lines = (folder / "points.csv").read_text(encoding="utf-8").splitlines()
@@ -157,13 +169,14 @@ def test_a_base_that_walks_in_a_fixed_frame_is_reported_with_its_size(tmp_path):
     (folder / "points.csv").write_text("\n".join([head, *walked]) + "\n", encoding="utf-8")
     row = _rows(run_line(folder, "ingest", "qa")[0]["qa"].to_pandas(), "base-drift").loc["base"]
     assert row["verdict"] == "warn"
+    assert "drifts" in row["message"]
     # 45 steps of 2 um; a running median over five poses sees four steps less, and noise adds some
     assert row["value"] == pytest.approx(0.09, abs=0.02)
 
 
-def _shifted(line, per_pose_mm):
+def _shifted(line, per_pose_mm, poses=int):
     pose, body, target, x, *rest = line.split(",")
-    return ",".join([pose, body, target, f"{float(x) + per_pose_mm * int(pose):.5f}", *rest])
+    return ",".join([pose, body, target, f"{float(x) + per_pose_mm * poses(pose):.5f}", *rest])
 
 
 def test_many_missing_targets_fail(tmp_path):

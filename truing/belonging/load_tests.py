@@ -27,13 +27,12 @@ from truing.belonging.responses import Responses, responses
 from truing.belonging.row_order import can_reverse, order_of_all_rows, row_slips
 from truing.belonging.run_parts import RunPart, of_parts, part_concerns, parts
 from truing.belonging.signal_tests import SignalSteps
+from truing.belonging.silent_columns import DEPARTS, main_responses, scaled_misses, silent_columns, silent_test
 from truing.belonging.slip_search import CLEARLY, ExpectedResponse, clear_responses, explain, hidden
 from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
 
 READINGS = "loads-against-readings"
-_DEPARTS, _NO_SUCH = np.log(2.0), np.log(3.0)  # log ratio of main responses to the expected ones, in most runs
-_MAIN = 0.3  # least share of the largest possible response that makes a response a main one
-_LINEAR = 0.1
+_NO_SUCH = np.log(3.0)  # log ratio of main responses to the expected ones, in most runs
 _EVERYWHERE = 0.5  # share of the main responses
 _RANGE = 0.003  # least ratio of the largest load to the declared range in a planned campaign
 _STIFFNESS = "stiffness in [mechanism]"
@@ -46,7 +45,8 @@ _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], compliance: Array) -> RelationTest:
     """Return the test of readings against loads, with the rows (K, 6) of the simulated compliance that columns show."""
-    measured = clear_responses(responses(steps.load, steps.run, steps.value), len(columns))
+    every = responses(steps.load, steps.run, steps.value)
+    measured = clear_responses(every, len(columns))
     if not len(measured):
         return RelationTest(READINGS, RelationState.NOT_TESTED, "no-response")
     expected = by_compliance(compliance)
@@ -58,7 +58,7 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], co
     if explained.slips:
         # Slips that leave most main responses far from expected ones explain by chance what is wrong otherwise, as two
         # factors do that leave much.
-        main = _main(measured, expected)[0]
+        main = main_responses(measured, expected)[0]
         is_far = main.any() and np.median(np.abs(explained.misses[main])) > CLEARLY
         if is_far or (len(explained.slips) > 1 and explained.after > _LEFT_BY_TWO):
             explained = replace(explained, slips=(), rivals=(), after=explained.before)
@@ -67,6 +67,8 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], co
     if (exact := _exact_factor(measured, expected, columns)) is not None:
         sizes = (named_shortly(exact.slip.subjects), 100.0 * exact.before, 100.0 * exact.after, None, "%")
         return RelationTest(READINGS, RelationState.FAILS, "slip", *sizes, (exact.slip,), tried=explained.tried)
+    if silent := silent_columns(every, measured, expected, columns, steps.runs):
+        return silent_test(READINGS, silent, explained.tried)
     of_all_runs = [trial for trial in overall if not any(name in steps.runs for name in trial.slip.subjects)]
     unseen = (*hidden(measured, expected, of_all_runs), *_hardly_answering(measured, expected, steps.runs))
     return explained.tested(READINGS, *_departure(measured, expected), unseen)
@@ -105,23 +107,16 @@ def untested(reason: str) -> RelationTest:
 
 def _hardly_answering(measured: Responses, expected: ExpectedResponse, runs: Sequence[str]) -> tuple[RecordSlip, ...]:
     """Return the slips that cannot show in runs to which no recorded channel responds clearly."""
-    main = _main(measured, expected)[0]
+    main = main_responses(measured, expected)[0]
     idle = tuple(runs[run] for run in np.unique(measured.run).tolist() if not main[measured.run == run].any())
     return tuple(RecordSlip(kind, "reading", idle) for kind in (SlipKind.UNIT, SlipKind.SIGN)) if idle else ()
-
-
-def _main(measured: Responses, expected: ExpectedResponse) -> tuple[Mask, Array, Array]:
-    """Return True for main responses (C,), and responses and expectations as shares of the largest possible ones."""
-    possible = expected.possible(measured.column, measured.direction)
-    wanted = expected.expected(measured.column, measured.direction) / possible
-    return np.abs(wanted) > _MAIN, measured.size / possible, wanted
 
 
 def _exact_factor(
     measured: Responses, expected: ExpectedResponse, columns: Sequence[RecordedColumn]
 ) -> ExactFactor | None:
     """Return a unit by whose factor some main responses differ from expected ones, where the others agree."""
-    main = measured.subset(_main(measured, expected)[0])
+    main = measured.subset(main_responses(measured, expected)[0])
     wanted = expected.expected(main.column, main.direction)
     ratios = MainRatios.of_responses(main.column, main.direction, main.size, wanted)
     return None if ratios is None else exact_factor(ratios, columns)
@@ -130,14 +125,14 @@ def _exact_factor(
 def _departure(measured: Responses, expected: ExpectedResponse) -> tuple[RelationState, str]:
     """Return state and reason where no slip explains the data, from the deviation of main responses from
     expected ones."""
-    main, share, wanted = _main(measured, expected)
+    main, share, wanted = main_responses(measured, expected)
     if not main.any():
         return RelationState.NOT_TESTED, "no-main-response"
-    off = np.abs(np.arcsinh(share / _LINEAR) - np.arcsinh(wanted / _LINEAR))[main]
+    off = scaled_misses(share, wanted)[main]
     if np.quantile(off, _EVERYWHERE) > _NO_SUCH:
         return RelationState.FAILS, "no-slip"
     each = [np.median(off[measured.run[main] == run]) for run in np.unique(measured.run[main])]
-    return (RelationState.ATTENTION, "departs") if max(each) > _DEPARTS else (RelationState.OK, "agrees")
+    return (RelationState.ATTENTION, "departs") if max(each) > DEPARTS else (RelationState.OK, "agrees")
 
 
 @dataclass(frozen=True)

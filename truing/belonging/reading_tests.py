@@ -8,6 +8,7 @@ import numpy as np
 
 from truing.arrays import Array, Index
 from truing.belonging.clock_lag import Courses, clock_lag
+from truing.belonging.reading_frames import other_frames
 from truing.belonging.reading_hypotheses import (
     PENALTY,
     MeasuredMotion,
@@ -111,9 +112,11 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
         base = replace(
             base, state=RelationState.FAILS, reason="unreached", misfit=float(len(required)), limit=None, unit="1"
         )
-    if explained := _explained(search, motion, names, base):
+    if (explained := _explained(search, motion, names, base)) and _is_near(search, explained):
         is_whole = 1e-3 * (explained.misfit_explained or 0.0) <= MOVED * motion.noise
         return explained if is_whole else _test_joints(motion, names, base) or explained
+    if (misfit > APART * moved) and (framed := _in_other_frames(motion, base)):
+        return _test_joints(motion, names, base) or framed  # exchanged joints of a flat side are a turned frame, too
     if zero := _other_zero(motion, required):
         return replace(base, state=RelationState.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
     if frozen := frozen_readings(motion, required, names):  # a wrong description asks readings to move that do not
@@ -151,6 +154,34 @@ def _explained(
         base, state=RelationState.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm"
     )
     return replace(explained, slips=slips, rivals=rival_slips(search, names, motion, slips))
+
+
+def _is_near(search: SlipSearch, explained: RelationTest) -> bool:
+    """Return True if slips leave less than half of the required movement, as no error of the geometry does.
+
+    The best order of rows wins by evidence alone, also where all rows stay far off.
+    """
+    required = finite_required_readings(search.intended.description)
+    moved = 1e3 * rms(required - required.mean(axis=0))
+    return explained.misfit_explained is None or explained.misfit_explained <= APART * moved
+
+
+def _in_other_frames(motion: MeasuredMotion, base: RelationTest) -> RelationTest | None:
+    """Return the result if readings and poses agree once fixed frames of base and platform are moved."""
+    placed = other_frames(motion)
+    if placed is None:
+        return None
+    after = 1e3 * placed.misfit
+    before = None if base.reason == "unreached" else base.misfit
+    return replace(
+        base,
+        state=RelationState.FAILS,
+        reason="slip",
+        unit="mm",
+        misfit=before,
+        misfit_explained=after,
+        slips=(placed.slip,),
+    )
 
 
 def _slip_of_joints(motion: MeasuredMotion, names: ReadingNames) -> RelationTest | None:

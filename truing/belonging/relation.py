@@ -34,6 +34,7 @@ class SlipKind(StrEnum):
     PARTS_EXCHANGED = "parts-exchanged"  # two parts of the description stand in each other's place
     DIRECTION = "direction-reversed"
     FROZEN = "frozen"  # constant while the machine moves
+    SILENT = "no-response"  # hardly changed while the load changes that should move it
     COPIED = "copied"
     STRAY = "stray"  # single numbers far from their expected values: a misread digit, a number of another row
     ROUNDED = "rounded"  # written down in steps far above the noise
@@ -45,6 +46,7 @@ class SlipKind(StrEnum):
     ROTATION = "rotation"  # written in another form: `RotationForm`
     FRAME = "frame-moved"  # from the first subject on, places are in another frame of the instrument
     PLACED = "survey-placed"  # the survey of a body is in another frame than that of its link
+    OTHER_FRAME = "other-frame"  # poses are those of other frames than the joints of base and platform have
     REVERSED = "rows-reversed"  # from the last to the first
     LATE = "late"  # recorded by another clock, or following late
 
@@ -70,7 +72,9 @@ class RecordSlip:
     which the recorded values are too far down (kind rows-shifted). ``offset``: to be added, in the unit of the column
     (kind zero); the delay in s (kind late). ``rows``: rows of the first subject, from 1 (kind copied; none: all).
     ``dimension`` of the quantity: length, angle, force, torque or voltage. ``form`` of rotations and ``order`` of their
-    Euler angles (ZYX) or axes (yzx): kind rotation, whose first subject repeats them in words.
+    Euler angles (ZYX) or axes (yzx): kind rotation, whose first subject repeats them in words. ``frames``: bodies with
+    x, y, z in mm and a rotation vector in degrees (kind other-frame): of the base, its frame in that of the measured
+    poses; of the platform, the measured frame in that of its joints.
     """
 
     kind: SlipKind
@@ -83,6 +87,7 @@ class RecordSlip:
     rows: tuple[int, ...] = ()
     form: RotationForm | None = None
     order: str = ""
+    frames: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
 
 @dataclass(frozen=True)

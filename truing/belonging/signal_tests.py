@@ -18,6 +18,7 @@ from truing.belonging.plausible_slips import (
 )
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.responses import Responses, responses
+from truing.belonging.silent_columns import are_silent, silent_columns, silent_test
 from truing.belonging.slip_search import ExpectedResponse, Explained, SlipCandidate, clear_responses, explain, hidden
 
 _MOST_LEVERAGE = 0.6  # largest leverage of a response confirmed by the others; two others of its kind give 0.5
@@ -31,6 +32,7 @@ _CROSS_ALIKE, _MAIN_ALIKE, _LINEAR_ALIKE = (
 )  # runs of the same loads answer alike, but for drift, creep and warmth
 RELATION = "signals-against-loads"
 _OWN_GAIN, _DECLARED = 0.3, 0.1  # relative prior width of a signal's gain: unknown, and where one is declared
+_MOST_SILENT = 0.2  # share of the responses that may be missing without doubt about the others
 _MATCHES = 1.5  # prior widths by which main responses miss, beyond which signals are not those of the legs
 _MAIN = 0.3
 _NO_BETTER = 1.0  # misfit over what is expected: an expectation of nothing would do as well
@@ -108,16 +110,20 @@ def against_geometry(
 
     gain (S,): declared, V/N; without it, only differences between legs and between axes can be tested.
     """
-    measured = _clear_responses(steps, len(columns))
+    every = responses(steps.load, steps.run, steps.value, has_zero=not steps.tared)
+    measured = clear_responses(every, len(columns))
     if not len(measured) or len(columns) != len(legs):
         return None
     best: RelationTest | None = None
     for expected in _responses_by_legs(measured, legs, gain):
         explained, unseen = _explained(measured, expected, steps, columns, gain)
-        if _rms_deviation(explained.misses, measured, expected) <= _MATCHES:
+        silent = are_silent(measured, expected)
+        rest = measured.subset(~silent)
+        if silent.mean() <= _MOST_SILENT and _rms_deviation(explained.misses[~silent], rest, expected) <= _MATCHES:
             tested = _tested(explained, RELATION, unseen)
             if not tested.slips:
-                return tested
+                slips = silent_columns(every, rest, expected, columns, steps.runs)
+                return silent_test(RELATION, slips) if slips else tested
             if not _reverses_most(tested, steps) and (best is None or _named_count(tested) < _named_count(best)):
                 best = tested
     return (

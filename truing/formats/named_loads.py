@@ -32,6 +32,8 @@ _CHANNEL = re.compile(
     r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge|dms|kanal)[ _.-]?(?:\d+|[xyz])|g\d", re.IGNORECASE
 )
 _NO_SIGNAL = re.compile(r"excit|suppl|speis|batter|power|versorg|ref", re.I)  # voltages that are no signals
+_RUN = re.compile(r"(run|lauf|serie|series|test|versuch|messreihe|essai|s(é|e)rie)([ _-]?(nr|no|id|name)\.?)?", re.I)
+_STEPS_PER_RUN = 3  # least rows of a run, on average
 _TIME = re.compile(r"(?:t|time|zeit|timestamp|x[ _]?value)\b.*", re.I)
 _MOST_CHANNELS = 8
 _COLUMN = {
@@ -132,6 +134,29 @@ def _load_columns(names: Sequence[str]) -> LoadMapping | None:
     if not any(_TIME.fullmatch(name.strip()) for name in names):
         return load_columns_given
     return replace(shown, otherwise=load_columns_given)
+
+
+def with_recorded_runs(found: LoadMapping, names: Sequence[str], rows: Sequence[Sequence[str]]) -> LoadMapping:
+    """Return the proposal with the column that names the run of each row, if there is one; else unchanged.
+
+    A column of that name that differs from row to row counts rows.
+    """
+    for position, name in enumerate(names):
+        if _RUN.fullmatch(bare_and_unit(name)[0].strip()) is None or name in found.mapping["columns"].values():
+            continue
+        values = [row[position].strip() for row in rows if position < len(row)]
+        if all(values) and len(values) >= _STEPS_PER_RUN * len(set(values)):
+            otherwise = None if found.otherwise is None else with_recorded_runs(found.otherwise, names, rows)
+            return replace(found, mapping=_of_runs(found.mapping, name), otherwise=otherwise)
+    return found
+
+
+def _of_runs(mapping: MappingKeys, name: str) -> MappingKeys:
+    """Return keys that take the run from a column in place of a constant."""
+    constants = {key: value for key, value in mapping.get("constants", {}).items() if key != "run"}
+    others = {key: value for key, value in mapping.items() if key not in ("columns", "constants")}
+    columns = {"run": name, **mapping["columns"]}
+    return {"columns": columns, **others, **({"constants": constants} if constants else {})}
 
 
 def channels_without_loads(names: Sequence[str]) -> tuple[str, ...]:

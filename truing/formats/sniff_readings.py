@@ -18,7 +18,7 @@ from truing.formats.named_bench import (
     readings_under_load,
 )
 from truing.formats.named_joints import configurations_of_joints
-from truing.formats.named_loads import channels_without_loads, load_columns
+from truing.formats.named_loads import channels_without_loads, load_columns, with_recorded_runs
 from truing.formats.named_temperatures import temperature_columns
 from truing.formats.proposed_loads import proposal_of_loads, with_doubt_on_samples
 from truing.formats.proposed_poses import NamedCells, column_that_counts, doubt_on_computed_poses, proposal_of_joints
@@ -55,6 +55,7 @@ def guess_readings(
         bench_keys = mapping | proposal.mapping | empty
         return Guess(bench_keys, names, proposal.table, (proposal.note,), doubts=proposal.doubts)
     if loads is not None:
+        loads = with_recorded_runs(loads, names, cells.rows)
         return with_doubt_on_samples(proposal_of_loads(loads, names, mapping, keys), names, cells.values)
     if table != "signals":
         if (readings := configurations_of_joints(names, cells.rows, cells.values, meant, joints)) is not None:

@@ -283,6 +283,34 @@ def _late(slip: RecordSlip) -> str:
     return f"{slip.quantity} {'late' if slip.offset > 0.0 else 'early'} by {abs(slip.offset):.3g} s ({causes}): {cure}"
 
 
+# Where frames of base and platform lie, and the remedy, by what gave the poses.
+_FRAMES_OF = {
+    "measured poses": (
+        {
+            "base": "in the frame of the poses, that of a_mm lies at {place}",
+            "platform": "in the frame of b_mm, that of the measured body lies at {place}",
+        },
+        "give the poses of the base too (body base), or transform poses or joints",
+    ),
+    "points and survey": (
+        {
+            "base": "in the base's frame of targets.csv, that of a_mm lies at {place}",
+            "platform": "in the frame of b_mm, the platform's of targets.csv lies at {place}",
+        },
+        "give the survey of each body in the frame of its joints",
+    ),
+}
+
+
+def _other_frame(slip: RecordSlip) -> str:
+    names, cure = _FRAMES_OF.get(slip.quantity, _FRAMES_OF["measured poses"])
+    places = []
+    for body, numbers in slip.frames:
+        at, turn = (" ".join(f"{number:g}" for number in part) for part in (numbers[:3], numbers[3:]))
+        places.append(names[body].format(place=f"about ({at}) mm, rotated by ({turn}) deg"))
+    return f"{slip.quantity} in other frames than a_mm and b_mm of [mechanism] ({', and '.join(places)}): {cure}"
+
+
 _MIRROR = "mirrored (left-handed frame, one axis with the opposite sign, or two axes exchanged)"
 _WORDS = {
     SlipKind.UNIT: _unit,
@@ -295,6 +323,10 @@ _WORDS = {
     SlipKind.PARTS_EXCHANGED: lambda slip: f"{slip.quantity} exchanged: {listed(slip.subjects)}",
     SlipKind.DIRECTION: lambda slip: f"{_slip_subject(slip)} pointing the opposite way",
     SlipKind.FROZEN: lambda slip: f"{_slip_subject(slip)} frozen: the value does not change while the machine moves",
+    SlipKind.SILENT: lambda slip: (
+        f"{_slip_subject(slip)} without response to the load: a channel that was not connected, whose beam missed its "
+        "mirror, or that recorded something else"
+    ),
     SlipKind.STRAY: lambda slip: (
         f"{_slip_subject(slip)} far from the pose: a misread digit, a value from another row, or a wrong point"
     ),
@@ -321,6 +353,7 @@ _WORDS = {
         f"{_slip_subject(slip)} in another frame than that of the link: its targets lie elsewhere on the link "
         "(without a survey of this body, truing finds where)"
     ),
+    SlipKind.OTHER_FRAME: _other_frame,
     SlipKind.LATE: _late,
     SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
 }

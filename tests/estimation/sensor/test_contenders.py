@@ -39,6 +39,43 @@ def test_errors_of_predictions_follow_their_declared_sigma():
     assert_between(squares / freedom, 1 - 5 * spread, 1.05 + 5 * spread, what="squares over freedom")
 
 
+def _tared(seed: int, up: int = 6, sigma: float = 0.005) -> LoadTable:
+    """Signals less the mean of each run's two unloaded readings; each axis is loaded up and down in two runs."""
+    rng = np.random.default_rng(seed)
+    course = np.concatenate([np.linspace(0.0, 1.0, up), np.linspace(1.0, 0.0, up)[1:]])
+    run = np.repeat(np.arange(12), len(course))
+    applied = np.zeros((len(run), 6))
+    applied[np.arange(len(run)), run // 2] = np.tile(course, 12) * np.where(run % 2, -1.0, 1.0)
+    response = np.eye(6) + 0.3 * rng.normal(size=(6, 6))
+    signal = applied @ response.T + sigma * rng.normal(size=applied.shape)
+    unloaded = (applied == 0.0).all(axis=1)
+    zero = np.array([signal[unloaded & (run == number)].mean(axis=0) for number in range(12)])
+    table = load_table(signal - zero[run], applied, run, signal_cov=sigma**2 * np.eye(6), load_cov=np.zeros((6, 6)))
+    return replace(table, zeros=run, zero_share=np.where(unloaded, 0.0, np.sqrt(0.5)))
+
+
+def test_held_out_runs_miss_by_the_errors_of_their_zeros_too():
+    model = CalibrationModel("weighted", "forward")
+    tables = [_tared(seed) for seed in range(8)]
+    predictions = [hold_out(table, model) for table in tables]
+    squares, freedom = (sum(getattr(one, name).sum() for one in predictions) for name in ("squares", "freedom"))
+    assert freedom == 8 * 12 * 10 * 6
+    assert_between(squares / freedom, 1 - 5 * np.sqrt(2 / freedom), 1 + 5 * np.sqrt(2 / freedom), what="ratio")
+
+
+def test_common_errors_of_zeros_widen_the_matrix():
+    model = CalibrationModel("weighted", "forward")
+    truth = []
+    for seed in range(30):
+        table = _tared(seed)
+        rng = np.random.default_rng(seed)
+        response = np.eye(6) + 0.3 * rng.normal(size=(6, 6))
+        fit = fit_calibration(table, model)
+        deviation = (fit.matrix - response).ravel()
+        truth.append(deviation @ np.linalg.solve(fit.covariance, deviation) / 36)
+    assert_between(float(np.mean(truth)), 0.85, 1.15, what="squared normalised errors")
+
+
 def test_a_zero_of_every_case_leaves_one_row_less():
     table = _table(0)
     assert np.all(hold_out(table, LINEAR).freedom == 24)

@@ -9,6 +9,7 @@ import pytest
 from tests.sentences import assert_says, says
 from truing.report.diagnosis.effect_units import plain_size, size_text, stem
 from truing.report.diagnosis.findings import (
+    ESTIMATED_NOISE,
     Facts,
     NoiseFacts,
     detectable_words,
@@ -140,6 +141,10 @@ def test_quantities_not_evaluated_are_left_out():
 
 def test_noise_says_where_it_is_larger_where_that_is_known():
     assert_says(noise_explanation(NoiseFacts(1.41, 0.05, 7.3, 5.1)), "residuals", "1.410 ± 0.050", "declared noise")
+    of_signals = noise_explanation(NoiseFacts(1.41, 0.05, None, None, expected=ESTIMATED_NOISE))
+    assert_says(of_signals, "1.410 ± 0.050", "estimated", "none is declared")
+    assert_says(of_signals, "that estimate is too small")
+    assert "than declared" not in of_signals
     varying = noise_explanation(NoiseFacts(1.4, 0.1, None, 5.0, inputs=("temperature_c", "time_s")))
     assert_says(varying, "depends", "temperature_c", "time_s")
     assert_says(varying, "1.40 ± 0.10 times as large as where it is smallest")

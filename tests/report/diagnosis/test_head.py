@@ -198,6 +198,14 @@ def test_noise_alone_is_a_warning_and_no_effect():
     assert part_of("evidence", tables).title == "Evidence for each cause"
 
 
+def test_noise_that_nobody_declared_is_not_called_declared():
+    found = {**row("unexplained", **NOISE), "relation": "loads-signals", "noise_floor": None}
+    tables = diagnosis_tables(rows(found, *rejected()))
+    for text in (first_line(rows(found, *rejected()))[1], diagnosis(tables).lead):
+        assert "declared noise" not in text
+        assert_says(text, "residuals", "noise as estimated from the signals")
+
+
 def test_an_unexplained_effect_names_its_inputs():
     found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"))
     found["largest_motion"] = 12.3

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 
+from tests.simulation.mechanisms.made_models import named_model
 from tests.tolerance import assert_close
 from truing.simulation.inputs import STOPPED
-from truing.simulation.mechanisms.causes.nonparametric import HISTORY, NonparametricMechanismEffect
+from truing.simulation.mechanisms.causes.deformation import MatrixPlatformDeformation
+from truing.simulation.mechanisms.causes.nonparametric import ALL_DRIVES, HISTORY, NonparametricMechanismEffect
 
 DRIVE = NonparametricMechanismEffect(columns=("rho2_mm",), centres=(10.0,), half_ranges=(2.0,))
 
@@ -53,3 +56,22 @@ def test_friction_is_claimed_of_the_legs_alone_where_it_is_clear():
     clear = friction.narrowed(stops.ravel(), np.eye(18) * sigma**2, 6)
     assert (clear.subject, clear.inputs(6)) == ("leg2 leg5", ("rho2_mm", "rho5_mm"))
     assert friction.narrowed(np.full(18, 1e-5), np.eye(18) * sigma**2, 6) == friction
+
+
+def test_a_dependence_that_no_data_determine_is_claimed_of_all_legs():
+    friction = NonparametricMechanismEffect(
+        columns=STOPPED, centres=(0.0,) * 3, half_ranges=(1.0,) * 3, form=HISTORY, degree=3
+    )
+    assert friction.narrowed(np.zeros(18), np.zeros((18, 18)), 6) == friction
+
+
+def test_the_matrix_has_a_rival_of_one_leg_that_is_as_large_beforehand():
+    """A leg that is soft, or whose joint is misplaced, errs with all drives; the platform need not bend for that."""
+    scene = named_model(np.random.default_rng(0), ()).scene
+    offered = [one for one in NonparametricMechanismEffect().candidates(scene) if one.form == ALL_DRIVES]
+    assert [one.legs for one in offered] == [(), *((leg,) for leg in range(1, scene.legs + 1))]
+    travel = float(np.abs(scene.readings - scene.rho0).max())
+    kappa = MatrixPlatformDeformation().parameters(scene.legs)[0]
+    for size in (travel, 0.2):  # a telescope's and a large machine's
+        (plausible,) = {one.scale for one in replace(offered[1], half_ranges=(size,)).parameters(scene.legs)}
+        assert plausible == max(5e-6, kappa.scale * size)

@@ -65,6 +65,19 @@ def test_a_passed_scale_check_names_what_it_was_compared_with(check: Check, word
     assert check.verdict == "pass"
 
 
+def _compared(sigma: float = 6e-6, noise: float = 1.0, **ratio: float) -> Check:
+    """The check of lengths over those of the rays, by name, with their sigma."""
+    known = [("lengths over those of the rays", name.replace("_", " "), value) for name, value in ratio.items()]
+    known += [("lengths over those of the rays, sigma", name, sigma) for _, name, _ in known]
+    return scale_check(lengths([("A", "a"), ("B", "b")]), known=(*known, ("noise over stated", "circle", noise)))
+
+
+def test_a_contradiction_next_to_noisy_rays_is_not_blamed_on_the_lengths_alone() -> None:
+    lens = {"bar_A": 1.0002, "bar_B": 0.9998, "survey_of_base": 0.9965}
+    assert_says(_compared(**lens, noise=5.9).message, "noise of image coordinates", "5.9 times", "distortion")
+    assert "distortion" not in _compared(**lens).message
+
+
 def test_sizes_show_another_unit() -> None:
     assert [check.verdict for check in target_sizes(figures(), LIMITS)] == ["not evaluated"]
     reported = figures(("size over stated", "circles", 1.04), ("size over stated", "markers", 1 / 25.4))

@@ -8,7 +8,7 @@ is regular only due to noise, its inverse is noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -163,12 +163,26 @@ def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> 
         cov = _declared_covariance(problem, 0)
         if np.linalg.eigvalsh(cov).min() <= 0:
             raise ValueError("found a response that is exactly known, expected an error of each, or errors in both")
-        fit = weighted_fit(problem.columns, problem.y, cov, prior)
+        fit = _with_errors_of_zeros(problem, weighted_fit(problem.columns, problem.y, cov, prior))
     elif prior is not None:
         fit = weighted_fit(problem.columns, problem.y, _first_noise(problem), prior)
     else:
         fit = least_squares_fit(problem.columns, problem.y)
     return _result(problem, fit)
+
+
+def _with_errors_of_zeros(problem: _CalibrationTable, fit: LinearFit) -> LinearFit:
+    """Return a fit of signals to loads whose covariance holds the errors of the zeros that were subtracted.
+
+    The error of a run's zero is common to its loaded rows, and such rows determine less than independent ones.
+    """
+    table, cov = problem.table, problem.table.signal_cov
+    if problem.direct or table.zeros is None or table.zero_share is None or cov is None or problem.prior():
+        return fit
+    member = (table.zeros[:, None] == np.unique(table.zeros)) * table.zero_share[:, None]
+    inverse, _ = _scaled_inverse(problem.columns)
+    shifted = member.T @ problem.columns @ inverse  # change of the coefficients by one sigma of each zero
+    return replace(fit, covariance=fit.covariance + np.kron(cov, shifted.T @ shifted))
 
 
 def _check(problem: _CalibrationTable) -> None:

@@ -175,10 +175,11 @@ def _calibration_without_case(table: LoadTable, model: CalibrationModel, case: o
 @dataclass(frozen=True)
 class _Spread:
     """Covariance of predicted minus applied loads: independent part of each row (N, W, W), and common part U U^T due to
-    the calibration with U (N W, R)."""
+    the calibration and the zeros of runs with U (N W, R). ``taken``: freedom that the zeros of runs take."""
 
     own: NDArray
     common: NDArray
+    taken: int = 0
 
     def whitened(self, values: NDArray) -> tuple[NDArray, float]:
         """Return the product of the inverse covariance with columns of values (N W, K), and the log determinant. Uses
@@ -201,14 +202,26 @@ class _Spread:
 
 
 def _spread(fit: Calibration, found: Wrenches, table: LoadTable) -> _Spread:
-    """Return the covariance of predicted minus applied loads."""
+    """Return the covariance of predicted minus applied loads.
+
+    The error of a run's zero is common to its loaded rows. Its unloaded rows scatter about it: they count as
+    independent, with one row's freedom less.
+    """
     rows, width = found.value.shape
     noise = np.zeros((width, width)) if table.load_cov is None else table.load_cov
     variance = found.own + noise
-    if fit.model.direction == "direct" and (fit.model.estimator == "least squares" or table.load_cov is None):
-        variance = np.broadcast_to(fit.noise, (rows, width, width))  # residuals include the signals' errors
     by = np.einsum("nwr,nq->nwrq", found.gain, found.columns).reshape(rows * width, -1)
-    return _Spread(variance, by @ _factor(found.coefficients))
+    common = by @ _factor(found.coefficients)
+    if fit.model.direction == "direct" and (fit.model.estimator == "least squares" or table.load_cov is None):
+        # residuals include the errors of signals and zeros
+        return _Spread(np.broadcast_to(fit.noise, (rows, width, width)), common)
+    if table.zeros is None or table.zero_share is None:
+        return _Spread(variance, common)
+    member = (table.zeros[:, None] == np.unique(table.zeros)) * table.zero_share[:, None]
+    of_zeros = np.einsum("ng,nwv->nwgv", member, np.stack([_factor(one) for one in found.own]))
+    is_unloaded = (table.zero_share == 0.0) & np.isin(table.zeros, table.zeros[table.zero_share > 0.0])
+    taken = width * len(np.unique(table.zeros[is_unloaded]))
+    return _Spread(variance, np.hstack([common, of_zeros.reshape(rows * width, -1)]), taken)
 
 
 def _factor(covariance: NDArray) -> NDArray:
@@ -229,7 +242,7 @@ def _misfit(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, floa
         solved, log_det = spread.whitened(np.column_stack([miss.ravel(), zero]))
     except np.linalg.LinAlgError:
         return float("inf"), float(miss.size), -float("inf")
-    squares, freedom = float(miss.ravel() @ solved[:, 0]), float(miss.size)
+    squares, freedom = float(miss.ravel() @ solved[:, 0]), float(miss.size - spread.taken)
     if own_zero:
         reported = zero.T @ solved[:, 1:]
         by_zero = zero.T @ solved[:, 0]

@@ -23,7 +23,9 @@ class LoadTable:
     """N rows of W applied loads (N, N m), C signals and K covariates minus their reference (such as T - T_ref, K).
 
     case (N,): load case or run of each row, held out as a whole. signal_cov (C, C), load_cov (W, W) or (N, W, W): error
-    covariances of one row, None if not declared.
+    covariances of one row, None if not declared. zeros (N,): number of the run whose mean unloaded signals were
+    subtracted from each row, and zero_share (N,): standard deviation of this mean over that of one signal, 0 for the
+    unloaded rows themselves; None if nothing was subtracted.
     """
 
     signals: NDArray
@@ -35,6 +37,8 @@ class LoadTable:
     signal_names: tuple[str, ...] = ()
     load_names: tuple[str, ...] = ()
     covariate_names: tuple[str, ...] = ()
+    zeros: NDArray | None = None
+    zero_share: NDArray | None = None
 
     def named(
         self,
@@ -68,6 +72,8 @@ class LoadTable:
             case=self.case[which],
             covariates=self.covariates[which],
             load_cov=cov[which] if cov is not None and cov.ndim == 3 else cov,
+            zeros=None if self.zeros is None else self.zeros[which],
+            zero_share=None if self.zero_share is None else self.zero_share[which],
         )
 
 
@@ -196,7 +202,13 @@ class RecordedLoads:
             signal_cov=np.diag(self.sigma**2),
             load_cov=np.diag(self.load_sigma**2),
         )
-        return table.named(self.steps.signals, LOADS, self.covariate_names)
+        table = table.named(self.steps.signals, LOADS, self.covariate_names)
+        if not self.tared:
+            return table
+        unloaded = (self.steps.load == 0.0).all(axis=1)
+        count = np.bincount(self.steps.run[unloaded], minlength=len(self.steps.runs))[self.steps.run]
+        share = np.where(unloaded, 0.0, 1.0 / np.sqrt(np.maximum(count, 1)))
+        return replace(table, zeros=self.steps.run[rows], zero_share=share[rows])
 
 
 def zeros_of_runs(

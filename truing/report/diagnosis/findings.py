@@ -11,6 +11,12 @@ from truing.report.numbers import count_text, joined_names, p_at_most, plain, ro
 from truing.schemas.verdict import Relation
 
 DECLARED_NOISE, SCATTER_OF_REPEATS = "the declared noise", "the scatter of repeated approaches"
+ESTIMATED_NOISE = "the noise as estimated from the signals (none is declared)"
+_NOISIER = {
+    DECLARED_NOISE: "the instrument is noisier than declared",
+    SCATTER_OF_REPEATS: "repeats share errors",
+    ESTIMATED_NOISE: "that estimate is too small",
+}
 UNNAMED = ", and no cause of the catalogue explains it better"
 # Reasons why a cause is only suspected, by reason code.
 DOUBTS = {
@@ -361,14 +367,15 @@ def noise_explanation(facts: NoiseFacts) -> str:
             f"The noise is not uniform: it depends on {joined_names(facts.inputs)}. Where it is largest, it is {size} "
             f"times as large as where it is smallest. {weighted}{missed}"
         )
-    is_declared = facts.expected == DECLARED_NOISE
-    noisier = "the instrument is noisier than declared" if is_declared else "repeats share errors"
+    noisier = _NOISIER[facts.expected]
     return (
         f"The residuals are {size} times {facts.expected}, which is more than the uncertainty of that noise "
         f"explains. Either {noisier}, or an effect outside the catalogue acts.{missed}"
     )
 
 
-def expected_noise(relation: str) -> str:
+def expected_noise(relation: str, *, is_declared: bool = True) -> str:
     """Return the noise that a search compared residuals with, by the relation that it tested."""
-    return SCATTER_OF_REPEATS if relation == Relation.TARGETS_POSITIONS else DECLARED_NOISE
+    if relation == Relation.TARGETS_POSITIONS:
+        return SCATTER_OF_REPEATS
+    return DECLARED_NOISE if is_declared else ESTIMATED_NOISE

@@ -17,6 +17,7 @@ from truing.report.tables import Tables, table_or_none
 from truing.report.wordings import catalogue
 from truing.report.wordings.claim import Reach
 from truing.report.wordings.nonparametric_wordings import columns_words, remainder_clause
+from truing.schemas.verdict import Relation
 
 if TYPE_CHECKING:
     from truing.report.tables import Tables
@@ -92,7 +93,13 @@ def _noise(row: AssessedCause) -> str:
     if row.settings.get("over") == "others":
         return f"The noise{subject_text} is {times} times that of the others"
     # Of residuals: an effect that is not known raises them as more noise does.
-    return f"The residuals{subject_text} are {times} times {expected_noise(row.relation)}"
+    return f"The residuals{subject_text} are {times} times {noise_of_row(row)}"
+
+
+def noise_of_row(row: AssessedCause) -> str:
+    """Return the noise that residuals exceed; that of signals was estimated if it gives no noise floor."""
+    is_of_loads = row.relation in (Relation.LOADS_SIGNALS, Relation.LOADS_READINGS)
+    return expected_noise(row.relation, is_declared=row.floor is not None or not is_of_loads)
 
 
 def _largest_shift(row: AssessedCause, tables: Tables) -> Reach | None:

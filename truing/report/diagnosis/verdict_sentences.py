@@ -22,7 +22,7 @@ from truing.report.diagnosis.assessed_causes import (
     testable_of,
 )
 from truing.report.diagnosis.effect_units import plain_size
-from truing.report.diagnosis.headline import clause, gain
+from truing.report.diagnosis.headline import clause, gain, noise_of_row
 from truing.report.diagnosis.next_steps import next_steps
 from truing.report.numbers import LEAST_PRINTED_P, capitalised, count_text, printed, rough
 from truing.report.numbers import listed as listed_shortly
@@ -319,8 +319,8 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
         if short := shortcoming(tables):
             idle = f", {untestable} not testable with these data" if untestable else ""
             return f"{assessed}: none found{idle}, but the model does not fit as a whole: {short}."
-        noisy = any(row.is_noise and not row.is_remainder for row in rows)
-        noise = "; the residuals exceed the declared noise" if noisy else ""
+        noisy = next((row for row in rows if row.is_noise and not row.is_remainder), None)
+        noise = f"; the residuals exceed {noise_of_row(noisy)}" if noisy else ""
         return f"{assessed} by comparing {tested_text}: {_nothing_found(rows, tables)}{noise}."
     indistinguishable = f", {rivals} not distinguishable from one of them" if rivals else ""
     unseen = f", {untestable} not testable with these data" if untestable else ""

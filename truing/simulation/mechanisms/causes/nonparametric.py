@@ -71,6 +71,9 @@ _ALONG = {Quantity.READINGS: "rho", Quantity.LENGTHS: "l", Quantity.ATTACHMENTS:
 # Plausible amplitudes: m; relative for the scale.
 _PLAUSIBLE = {Quantity.SCALE: 2e-5, Quantity.TARGETS: 2e-5}
 _PLAUSIBLE_M = 5e-6
+# All drives: share of the drives' half range, as that of platform-deformation-matrix, which gives the same poses. With
+# a smaller scale, this rival of the matrix would lose on machines of long travel by its scale alone.
+_PER_DRIVE = 0.01
 _AXES = {Quantity.ATTACHMENTS_SIDEWAYS: ("_x", "_y"), Quantity.TARGETS: ("_x", "_y", "_z")}
 
 
@@ -257,6 +260,8 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     @property
     def _amplitude(self) -> tuple[str, float, float]:
         unit, si = ("1", 1.0) if self.quantity == Quantity.SCALE else ("mm", _MM)
+        if self.form == ALL_DRIVES:
+            return unit, si, max(_PLAUSIBLE_M, _PER_DRIVE * self.half_ranges[0])
         return unit, si, _PLAUSIBLE.get(Quantity(self.quantity), _PLAUSIBLE_M)
 
     def _owners(self, legs: int) -> Sequence[str]:
@@ -331,9 +336,8 @@ class _Inputs:
         yield from self.drives(1, apart_from=reading_columns)
         yield from self.drives(2, apart_from=reading_columns)
         yield from self._products()
-        if not legs:
-            half = (self._ranges[OWN_DRIVE][1],)
-            yield {"columns": (), "centres": (), "half_ranges": half, "form": ALL_DRIVES, "degree": 1}
+        half = (self._ranges[OWN_DRIVE][1],)
+        yield {"columns": (), "centres": (), "half_ranges": half, "form": ALL_DRIVES, "degree": 1}
 
     def length_dependences(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
         """Yield dependences of leg lengths; none if the leg itself is the actuator, since readings cover them."""

@@ -127,8 +127,11 @@ def legs_with_effect(
     """Return the legs whose amplitudes (P,) differ from zero, if that is clearly more probable than all ``concerned``.
 
     ``leg_of`` (P,): leg of each amplitude, from 1; legs: number of all legs, which an empty tuple stands for. A leg
-    with an effect is expected to have one of the same size as the others.
+    with an effect is expected to have one of the same size as the others. Amplitudes that no data determine (a
+    covariance of zeros, as of a cause that these data cannot test) leave all ``concerned``.
     """
+    if not np.any(covariance):
+        return concerned
     odds = {}
     for legs_kept in choices(legs)[1:]:
         if set(legs_kept) < set(concerned or range(1, legs + 1)):
