@@ -95,19 +95,17 @@ class Elastic:
         """Roots of twice the energies (36,) of the legs at a pose moved by ``twist`` (6,)."""
         more = Rotation.from_rotvec(twist[3:]).as_matrix() @ R
         chord = p + twist[:3] + self.end @ more.T - self.root
-        found = []
-        for leg, axes, springs, straight, moved in zip(
-            chord, self.axes, self.springs, self.straight, reading - self.machine.reading, strict=True
-        ):
-            size = np.linalg.norm(leg)
-            seen = _arc(axes[:, 2], leg / size) @ axes
-            lower = Rotation.from_matrix(seen.T @ axes).as_rotvec()
-            upper = Rotation.from_matrix(seen.T @ more @ self.R.T @ axes).as_rotvec()
-            axial, bend, twisted = springs
-            found.append(np.sqrt(axial) * (size - straight - moved))
-            found += [*(bend @ [lower[0], upper[0]]), *(bend @ [lower[1], upper[1]])]
-            found.append(np.sqrt(twisted) * (upper[2] - lower[2]))
-        return np.array(found)
+        size = np.linalg.norm(chord, axis=1)
+        seen = _arcs(self.axes[:, :, 2], chord / size[:, None]) @ self.axes
+        back = np.swapaxes(seen, 1, 2)
+        lower = Rotation.from_matrix(back @ self.axes).as_rotvec()
+        upper = Rotation.from_matrix(back @ (more @ self.R.T) @ self.axes).as_rotvec()
+        axial, bend, twisted = (np.array(part) for part in zip(*self.springs, strict=True))
+        longer = size - self.straight - (reading - self.machine.reading)
+        bent = [np.einsum("lij,jl->li", bend, [lower[:, k], upper[:, k]]) for k in (0, 1)]
+        wound = upper[:, 2] - lower[:, 2]
+        found = [(np.sqrt(axial) * longer)[:, None], *bent, (np.sqrt(twisted) * wound)[:, None]]
+        return np.concatenate(found, 1).ravel()
 
     def pose(self, reading: Array, load: Array, weight: float, centre: Array) -> tuple[Array, Array]:
         """Position and rotation matrix in equilibrium under a wrench (6,) at the platform's origin, and a weight, N, at
@@ -131,11 +129,12 @@ def _axes(z: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], 1)
 
 
-def _arc(one: Array, other: Array) -> Array:
-    """The smallest rotation from one unit vector to another."""
-    normal = np.cross(one, other)
-    K = np.array([[0, -normal[2], normal[1]], [normal[2], 0, -normal[0]], [-normal[1], normal[0], 0]])
-    return np.eye(3) + K + K @ K / (1 + one @ other)
+def _arcs(one: Array, other: Array) -> Array:
+    """The smallest rotations (n, 3, 3) from unit vectors (n, 3) to others."""
+    x, y, z = np.cross(one, other).T
+    none = np.zeros_like(x)
+    K = np.moveaxis(np.array([[none, -z, y], [z, none, -x], [-y, x, none]]), 2, 0)
+    return np.eye(3) + K + K @ K / (1 + np.sum(one * other, 1))[:, None, None]
 
 
 def _springs(machine: Hexapod, length: float) -> tuple[float, Array, float]:
