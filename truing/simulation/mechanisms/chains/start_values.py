@@ -148,10 +148,10 @@ class _Problem:
             found[:, turned] = log_so3(seen @ np.swapaxes(self.conditions.reference[:, turned], -1, -2))
         return np.asarray(found)
 
-    def _by_base(self, places: _Geometry, points: NDArray, unrolled: NDArray) -> Array:
+    def _by_base(self, places: _Geometry, points: NDArray, unrolled: NDArray | None) -> Array:
         """Return the derivatives (B, K, 3, 6) of channels at points (B, K, 3) by the twist of the base.
 
-        ``unrolled``: the inverse left Jacobian of the channels that are orientations.
+        ``unrolled``: the inverse left Jacobian of the channels that are orientations; None if none is.
         """
         R, t = places.R[self.conditions.series], places.t[self.conditions.series]
         frames, turned = self._on_base, self.channels.is_rotation
@@ -160,8 +160,9 @@ class _Problem:
         found = np.empty((*points.shape, TWIST))
         found[..., :3] = before[:, None]
         found[..., 3:] = -skew(arms) @ slope[:, None]
-        found[:, turned, :, :3] = 0.0
-        found[:, turned, :, 3:] = unrolled @ slope[:, None]
+        if unrolled is not None:
+            found[:, turned, :, :3] = 0.0
+            found[:, turned, :, 3:] = unrolled @ slope[:, None]
         return found * self.tree.above[self.channels.node, 0, None, None]
 
     def _linearised(self, places: _Geometry, links: tuple[Array, Array], found: Array) -> tuple[Array, Array]:
@@ -169,14 +170,17 @@ class _Problem:
 
         ``links``, ``found``: the links and channels at these places, as `_links` and `_predicted` return them."""
         turned, of_places = self.channels.is_rotation, links[0].copy()
-        columns = []
-        unrolled = inverse_left_jacobian_so3(found[:, turned])
+        columns: list[Array] = []
+        unrolled = None
         if turned.any():
+            unrolled = inverse_left_jacobian_so3(found[:, turned])
             of_places[:, turned] = unrolled @ links[0][:, turned] @ places.tool[turned]
         if self.is_base_free:
             by_base = self._by_base(places, found, unrolled)
-            series = np.eye(len(places.t))[self.conditions.series]
-            columns.append(np.einsum("bs,bkic->bkisc", series, by_base).reshape(*found.shape, -1))
+            if len(places.t) > 1:
+                series = np.eye(len(places.t))[self.conditions.series]
+                by_base = np.einsum("bs,bkic->bkisc", series, by_base).reshape(*found.shape, -1)
+            columns.append(by_base)
         for k in self.free:
             own_k = np.zeros((*found.shape, 3))
             own_k[:, k] = of_places[:, k]
