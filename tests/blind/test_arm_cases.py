@@ -14,7 +14,6 @@ from tests.blind.generator.arms.effects import ADDED
 from tests.blind.generator.arms.foreign import FOREIGN
 from tests.blind.generator.folder import truth_path
 from tests.blind.judging import Assessed, run_all
-from tests.ignored_causes import search_only
 from tests.tolerance import assert_between
 
 # Effects whose parameters are reported in other names, units or at another time than the generator holds them.
@@ -28,12 +27,8 @@ EXAGGERATED = (
 @pytest.fixture(scope="module")
 def exaggerated(tmp_path_factory: pytest.TempPathFactory) -> list[Assessed]:
     home = tmp_path_factory.mktemp("arms")
-    return run_all([_written(*case, home) for case in EXAGGERATED], 1)
-
-
-def _written(names: tuple[str, ...], layout: str, seed: int, home: Path) -> Path:
-    """A campaign whose diagnosis searches what is hidden, and effects without a name."""
-    return search_only(hide(names, layout, 60.0, seed).write(home / layout), *names)
+    folders = [hide(names, layout, 60.0, seed).write(home / layout) for names, layout, seed in EXAGGERATED]
+    return run_all(folders, 1)
 
 
 def test_found_parameters_of_exaggerated_effects_agree_with_the_truth(exaggerated: list[Assessed]) -> None:
