@@ -127,6 +127,9 @@ def test_many_parameters_are_reported_by_the_most_certain():
     assert "K19 = 9.00 ± 0.50 um/mm" in text
     assert "and 3 smaller" in text
     assert "K11 =" not in text
+    onset = {"from_pose": {"value": 17, "sigma": None, "unit": ""}}
+    shifts = {f"shift_{k}": {"value": 0.1 * k, "sigma": 0.01, "unit": "mm"} for k in range(1, 7)}
+    assert "smaller" not in explanation(replace(FACTS, parameters={**shifts, **onset}))
 
 
 def test_quantities_not_evaluated_are_left_out():

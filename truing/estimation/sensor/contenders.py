@@ -174,8 +174,10 @@ def _calibration_without_case(table: LoadTable, model: CalibrationModel, case: o
 
 @dataclass(frozen=True)
 class _Spread:
-    """Covariance of predicted minus applied loads: independent part of each row (N, W, W), and common part U U^T due to
-    the calibration and the zeros of runs with U (N W, R). ``taken``: freedom that the zeros of runs take."""
+    """Covariance of predicted minus applied loads: ``own`` (N, W, W) of each row, and a common part U U^T.
+
+    ``common``: U (N W, R), by the calibration and the zeros of runs. ``taken``: freedom that the zeros of runs take.
+    """
 
     own: NDArray
     common: NDArray

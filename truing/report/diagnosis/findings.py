@@ -284,8 +284,8 @@ def _sizes(facts: Facts) -> str:
     if len(ordered) > _NAMED and max(_significance(value) for _, value in ordered) < _DETERMINED:
         largest = max(ordered, key=lambda item: _significance(item[1]))
         return f": none of its {len(ordered)} parameters is determined alone, only combinations are ({_size(*largest)})"
-    if len(ordered) > _NAMED:
-        ordered.sort(key=lambda item: -_significance(item[1]))
+    if len(ordered) > _NAMED:  # the clause names an onset, which has no size
+        ordered = sorted((item for item in ordered if item[1].get("sigma")), key=lambda item: -_significance(item[1]))
     named = [_size(name, value) for name, value in ordered[:_NAMED]]
     more = len(ordered) - len(named)
     return f": {', '.join(named)}" + (f" and {more} smaller" if more else "") if named else ""

@@ -349,7 +349,7 @@ def _crossed(first: NDArray, second: NDArray) -> Array:
 
 
 def _about(across: NDArray, squared: NDArray, angle: NDArray | float) -> Array:
-    """Return the rotations (..., 3, 3) by angles (...), rad, about a unit axis, of which the cross-product matrix
+    """Return the rotations (..., 3, 3) by angles (...), rad, about a unit axis. The cross-product matrix
     (3, 3) and its square are given (Rodrigues)."""
     sine, rest = np.sin(angle)[..., None, None], 2.0 * np.sin(0.5 * np.asarray(angle))[..., None, None] ** 2
     return np.asarray(np.eye(3) + sine * across + rest * squared)
