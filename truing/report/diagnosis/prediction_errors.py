@@ -223,8 +223,7 @@ class Overall:
 
     @property
     def is_beyond_noise(self) -> bool:
-        """True if the error exceeds the noise floor by a clear factor, beyond chance and wrongly declared noise (1 in 100
-        campaigns)."""
+        """True if the error exceeds the noise floor by a clear factor, beyond chance and wrongly declared noise."""
         if not self.floor or self.after <= AT_THE_FLOOR * self.floor:
             return False
         from scipy.special import fdtrc
