@@ -28,7 +28,7 @@ from tests.blind.generator.effects import (
 )
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.hexapod import draw_hexapod, hexapod_geometry, random_places
-from tests.blind.generator.layout import DataFaults, Layout, Surroundings, Targets, Weight
+from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets, Weight
 from tests.blind.generator.schedule import at_rest, even_moves
 from tests.stages.line import run_line
 
@@ -37,13 +37,14 @@ SURE = 4.0  # sigmas that a fixed seed may be off
 
 
 def tables_of(
-    home: Path, effects: list[Effect], seed: int, poses: int = 30, shuffled: bool = True
+    home: Path, effects: list[Effect], seed: int, poses: int = 30, shuffled: bool = True, noise: Noise | None = None
 ) -> dict[str, pa.Table]:
     """The tables of a small campaign as far as its diagnosis."""
     rng = np.random.default_rng(seed)
     layout = Layout(
         name="small",
         targets=Targets(base=8, platform=7, per_leg=2),
+        noise=noise or Noise(),
         faults=DataFaults(0.02, 0.01),
         surroundings=Surroundings(temperature_step_c=0.4, shuffled=shuffled),
     )
@@ -149,6 +150,20 @@ def test_two_shifts_of_one_actuator_are_suspected_as_steps_of_one_course(tmp_pat
     rows = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "suspected"]
     named = {(row["cause"], row["subject"], json.loads(row["settings"])["from_pose"]) for row in rows}
     assert named == {("actuator-zero-shift", "leg2", pose) for pose in (9, 21)}
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.87, "found"), (1.15, "found"), (0.6, "suspected")])
+def test_a_name_holds_where_noise_is_declared_as_well_as_it_is_known_to_be(
+    share: float, verdict: str, tmp_path: Path
+) -> None:
+    """Declared noise is known to a tenth (one standard deviation); where it is wrong by a factor, an effect may be
+    missing."""
+    noise = Noise(declared_point_mm=0.005 * share, declared_actuator_mm=0.001 * share)
+    one = np.arange(6) == 2
+    tables = tables_of(tmp_path, [LegThermal(6e-5 * one)], 71, noise=noise)
+    rows = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] in ("found", "suspected")]
+    assert [row["verdict"] for row in rows if (row["cause"], row["subject"]) == ("leg-thermal", "leg3")] == [verdict]
+    assert verdict != "found" or len(rows) == 1
 
 
 def _weighed(home: Path, effects: Callable[[Campaign], Effect], seed: int, layout: Layout) -> list[Row]:
