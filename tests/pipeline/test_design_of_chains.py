@@ -24,8 +24,8 @@ COLUMNS = [f"{joint}_deg" for joint in JOINTS]
 LIMITS = np.array([[-150, 150], [-45, 75], [-120, 60], [-170, 170], [-100, 100], [-175, 175]], float)
 
 
-def call(*words: object) -> Result:
-    return CliRunner().invoke(app, ["design", *map(str, words)])
+def call(*words: object, command: str = "design") -> Result:
+    return CliRunner().invoke(app, [command, *map(str, words)])
 
 
 def planned(folder: Path, *left_out: str, workspace: str = "") -> Path:

@@ -124,9 +124,9 @@ def _without_times(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (_without("angular_arcsec"), "noise.angular_arcsec: expected one standard deviation of what rx, ry, rz will"),
-        (_without("sensitivity_mv"), "signals.sensitivity_mv_per_n: expected a number, to draw the signals that"),
-        (_without("signal_mv"), "noise.signal_mv: expected a number, to draw the signals that signals.csv plans"),
+        (_without("angular_arcsec"), "noise.angular_arcsec: expected the standard deviation of channels rx, ry, rz"),
+        (_without("sensitivity_mv"), "signals.sensitivity_mv_per_n: expected a number, to simulate the signals that"),
+        (_without("signal_mv"), "noise.signal_mv: expected a number, to simulate the signals that signals.csv plans"),
         (_with_few_steps, "needs at least 6 load steps with readings, found 5"),
         (_without_times, "row 2, column time_s: found ''; expected a number in every row"),
     ],

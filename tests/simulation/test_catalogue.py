@@ -25,6 +25,7 @@ COVARIATES = {
     "temperature_c": np.array([20.0, 21.0, 22.5]),
     "payload_kg": np.array([10.0, 20.0, 10.0]),
     "approach": np.array([[1.0] * 6, [-1.0] * 6, [1.0] * 6]),
+    "order": np.arange(3.0),
 }
 
 
@@ -132,6 +133,7 @@ def sample_scene(poses: int = 12) -> PointScene:
         scene,
         targets=replace(scene.targets, names=tuple(f"T{n}" for n in range(len(bodies))), bodies=tuple(bodies)),
         covariates={**scene.covariates, "order": np.arange(float(poses)), **columns, **actuators},
+        poses=tuple(range(poses)),
         span_s=(0.0, 3600.0),
         flexure_length_m=0.01,
     )

@@ -81,7 +81,7 @@ def test_a_camera_in_mm_is_one_in_pixels(tmp_path: Path) -> None:
         ({"image_points": RAYS.replace("100.5", "x")}, "row 4, column x_px: found 'x'"),
         (
             {"image_points": RAYS.replace("210", "3500")},
-            "row 4, column y_px: found '3500.0'; expected a place within the",
+            "row 4, column y_px: found '3500.0'; expected a position within",
         ),
         (
             {"cameras": "camera,width_px,focal_px\ncamera,4000,4100\n"},

@@ -41,7 +41,7 @@ class BodyJump(BodyCause):
 
     def candidates(self, scene: PointScene) -> Sequence[BodyJump]:
         """Return an onset at every pose, or at every few poses of a long campaign, for platform and base."""
-        if not scene.legs or ORDER not in scene.covariates:
+        if not scene.legs:
             return ()
         on_legs = {name for name, kind in zip(scene.targets.bodies, scene.targets.body, strict=True) if kind == LEG}
         return [

@@ -158,7 +158,9 @@ class TargetMoved(PointCause):
 
 def onset_poses(scene: PointScene) -> list[int]:
     """Return the poses from which something may have changed, in order of time: every one, or every few of a long
-    campaign, with some poses before it and from it on."""
+    campaign, with some poses before it and from it on; none where their order is unknown."""
+    if ORDER not in scene.covariates or len(scene.poses) < FEWEST_POSES:
+        return []
     in_time = np.argsort(scene.covariates[ORDER], kind="stable")
     return [int(pose) for pose in in_time[FEWEST_POSES : len(in_time) - FEWEST_POSES + 1 : _onset_spacing(scene)]]
 

@@ -43,8 +43,6 @@ class ActuatorZeroShift(PerLeg):
 
     def candidates(self, scene: PointScene) -> Sequence[ActuatorZeroShift]:
         """Return an onset at every pose, or at every few poses of a long campaign, for every actuator and for all."""
-        if ORDER not in scene.covariates:
-            return ()
         onsets = [(scene.poses[pose], float(scene.covariates[ORDER][pose])) for pose in onset_poses(scene)]
         chosen = ((), *((leg,) for leg in range(1, scene.legs + 1)))
         return [ActuatorZeroShift(legs, *onset) for legs in chosen for onset in onsets]
