@@ -18,6 +18,12 @@ from tests.sentences import assert_says
 REQUIRED = "\n[requirement]\nx_mm = 0.012\nz_mm = 0.001\n"
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Studies use a run of the campaign that lies in the current folder: none does here."""
+    monkeypatch.chdir(tmp_path)
+
+
 def test_the_plan_is_the_table_of_a_campaign_that_reaches_what_poses_can_reach(tmp_path: Path) -> None:
     place = planned(tmp_path / "arm", workspace=REQUIRED)
     done = call(place, "--accuracy", "--out", tmp_path / "found.csv")
