@@ -41,14 +41,15 @@ class BodyJump(BodyCause):
 
     def candidates(self, scene: PointScene) -> Sequence[BodyJump]:
         """Return an onset at every pose, or at every few poses of a long campaign, for platform and base."""
-        if not scene.legs:
+        onsets = onset_poses(scene)
+        if not scene.legs or not onsets:
             return ()
         on_legs = {name for name, kind in zip(scene.targets.bodies, scene.targets.body, strict=True) if kind == LEG}
         return [
             BodyJump(*body, from_pose=scene.poses[pose], from_order=float(scene.covariates[ORDER][pose]))
             for body in bodies_of(scene)
             if body[0] not in on_legs
-            for pose in onset_poses(scene)
+            for pose in onsets
         ]
 
     def onsets(self, scene: PointScene) -> Onsets[BodyJump]:
