@@ -46,12 +46,13 @@ settings.load_profile("project")
 
 TESTS = Path(__file__).resolve().parent
 # All tests of these folders and files are marked slow: they search hidden campaigns, render photographs, damage files
-# at random, run pages, compile large kernels or start a browser. So are tests with these fixtures. Other slow tests
-# bear the mark themselves.
+# at random, run pages, compile large kernels, write certificates or start a browser. So are tests with these fixtures.
+# Other slow tests bear the mark themselves.
 SLOW = (
-    "blind", "broken", "docs", "estimation/image_targets", "photographs", "real", "report/test_in_browser.py",
-    "second_hand", "simulation/bench/test_recovery.py", "simulation/mechanisms/test_recalibration.py",
-    "stages/photographs",
+    "blind", "broken", "docs", "estimation/bundle/test_large_benchmark.py", "estimation/image_targets",
+    "estimation/rigid_poses/test_batched_kernel.py", "photographs", "real", "report/test_in_browser.py",
+    "runs/test_certificate.py", "runs/test_comparison.py", "second_hand",
+    "simulation/bench/test_recovery.py", "simulation/mechanisms/test_recalibration.py", "stages/photographs",
 )  # fmt: skip
 SLOW_FIXTURES = {"browser", "real_data", "sample_run"}
 

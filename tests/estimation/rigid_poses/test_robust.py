@@ -152,6 +152,7 @@ def mixed_batch(rng):
     return x, y, mask, SIGMA * rng.uniform(1.0, 3.0, mask.shape)
 
 
+@pytest.mark.slow
 def test_compiled_code_finds_the_same(monkeypatch):
     x, y, mask, sigma = mixed_batch(np.random.default_rng(12))
     kept, status = consensus(x, y, mask, sigma)
