@@ -99,6 +99,12 @@ def test_noise_that_declared_noise_may_well_be_wrong_by_needs_attention_and_does
         assert "[noise]" in verdict.explanation
 
 
+def test_a_small_misfit_names_the_found_cause_that_the_calibration_leaves_out():
+    verdict = section_verdicts(of(FOUND, *rejected()) | misfit(1.2, p=1e-9))["calibration"]
+    assert (verdict.state, verdict.reason_code) == (RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT)
+    assert_says(verdict.explanation, "1.20 times", "leaves out what the diagnosis found", "larger than declared")
+
+
 def test_the_page_and_the_search_know_declared_noise_equally_well():
     assert DECLARED_FREEDOM == NOISE_PRIOR_FREEDOM
     assert does_not_fit(1e-9, 1.43)

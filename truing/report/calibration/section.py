@@ -116,9 +116,7 @@ def _of_chosen(
     if misfit is not None and does_not_fit(float(facts["misfit_p_value"]), misfit):
         return _misfit(chosen, misfit, before)
     if misfit is not None and is_clearly_larger(float(facts["misfit_p_value"]), misfit):
-        text = f"Residuals of {calibration_name(chosen)} are {plain(misfit)} times the declared noise: check [noise], "
-        text += "or look for a small missing effect."
-        return _calibrated(RelationState.ATTENTION, ReasonCode.MISFIT, text, misfit)
+        return _small_misfit(chosen, misfit, before)
     failed = {code: test for code, test in zip(_CODES, tests, strict=True) if test.holds is False}
     who = calibration_name(chosen)
     if failed:
@@ -149,12 +147,27 @@ def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series)
 def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """Return the verdict on a misfit, which the diagnosis explains if its extended model leaves only noise."""
     text = f"The calibration does not fit: residuals of {calibration_name(chosen)} are {plain(misfit)} times the "
-    codes = {name: before[name].reason_code for name in ("diagnosis", "adequacy") if name in before}
-    if codes == {"diagnosis": ReasonCode.FOUND, "adequacy": ReasonCode.WITHIN_NOISE}:
+    if _explains(before):
         text += "noise, because it leaves out what the diagnosis found. With that, only noise remains."
         return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, text, misfit)
     text += "noise. Correct [noise], or find the missing cause, before its parameters are used."
     return _calibrated(RelationState.FAILS, ReasonCode.MISFIT, text, misfit)
+
+
+def _small_misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
+    """Return the verdict on a misfit that wrongly declared noise may explain."""
+    text = f"Residuals of {calibration_name(chosen)} are {plain(misfit)} times the declared noise: "
+    if _explains(before):
+        text += "it leaves out what the diagnosis found, or the noise is larger than declared."
+        return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, text, misfit)
+    text += "check [noise], or look for a small missing effect."
+    return _calibrated(RelationState.ATTENTION, ReasonCode.MISFIT, text, misfit)
+
+
+def _explains(before: Mapping[str, SectionVerdict]) -> bool:
+    """Return True if the diagnosis found a cause, and its extended model leaves only noise."""
+    codes = {name: before[name].reason_code for name in ("diagnosis", "adequacy") if name in before}
+    return codes == {"diagnosis": ReasonCode.FOUND, "adequacy": ReasonCode.WITHIN_NOISE}
 
 
 def misfit_ratio(facts: pd.Series) -> float | None:
