@@ -232,7 +232,7 @@ class NoiseFloor:
 def is_beyond_floor(error: PredictionError[CauseT], floor: NoiseFloor) -> bool:
     """Return True if a prediction error exceeds its noise floor by 10 %, beyond chance and wrongly declared noise.
 
-    Both together exceed it so far once in 100 campaigns.
+    Both together do so once in 100 campaigns.
 
     Then an effect is missing. Declared noise is known to 10 %, as in `noise_level`. Each channel counts in units of its
     floor. Errors of one epoch have parts in common: how many independent numbers an epoch holds follows from the
