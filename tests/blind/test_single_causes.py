@@ -123,6 +123,28 @@ def test_noise_that_grows_for_a_while_is_named_and_follows_no_column(tmp_path: P
     assert_true(rows[0], {"noise_ratio": 2.5})
 
 
+def test_noise_that_grows_for_a_few_poses_is_named_though_their_order_tells_nothing(tmp_path: Path) -> None:
+    """Of fewer than eight poses no correlation between neighbours in time can be tested."""
+    during = (np.arange(41) >= 9) & (np.arange(41) < 14)
+    rows = found_in(tmp_path, [NoiseBurst(2.5, during)], 75, poses=34, shuffled=False)
+    assert [(row["cause"], row["follows"]) for row in rows] == [("noise-burst", "")]
+    settings = json.loads(rows[0]["settings"])
+    assert abs(int(settings["from_pose"]) - 9) <= 1
+    assert abs(int(settings["to_pose"]) - 13) <= 1
+
+
+@pytest.mark.parametrize(("times", "verdict"), [(0.5, "found"), (2.0, "suspected")])
+def test_a_name_is_doubted_only_where_uneven_noise_exceeds_the_declared(
+    times: float, verdict: str, tmp_path: Path
+) -> None:
+    """A third of the poses, at any time of the campaign, have ``times`` the noise of the others, which is declared."""
+    alone = (np.arange(6) == 2).astype(float)
+    effects = [LegThermal(6e-5 * alone), NoiseBurst(times, np.arange(41) < 14)]
+    rows = tables_of(tmp_path, effects, 71, poses=34)["diagnosis"].to_pylist()
+    (named,) = [row for row in rows if row["cause"] == "leg-thermal" and row["verdict"] in ("found", "suspected")]
+    assert named["verdict"] == verdict
+
+
 def test_nothing_is_found_where_actuators_land_as_they_should(tmp_path: Path) -> None:
     for seed in (73, 74):
         assert found_in(tmp_path / str(seed), [], seed) == []

@@ -10,7 +10,7 @@ import pytest
 from tests.inference import toy_campaign as toy
 from truing.estimation.rotation import exp_so3
 from truing.inference.adequacy import Adequacy, MisfitKind, WhyUntested, by_region, pure_error
-from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
+from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter, means_of_columns
 from truing.inference.linear_problem import whiten
 from truing.inference.linearised_model import LinearisedModel
 from truing.inference.observations import Frames
@@ -142,3 +142,25 @@ def test_an_effect_of_the_region_is_found_by_region() -> None:
     p_values = [seen_by(np.zeros(poses))[0] for _ in range(200)]
     assert np.mean(np.array(p_values) <= 0.05) <= 0.05 + 3.1 * np.sqrt(0.05 * 0.95 / 200)
     assert not list(by_region(residuals(rng), {}))
+
+
+def test_columns_that_share_a_mean_of_zero_are_rejected_as_often_as_the_level_says() -> None:
+    rng = np.random.default_rng(8)
+    drawn = [means_of_columns(_some_unknown(rng.normal(size=(4, 30)), rng)) for _ in range(TRIALS)]
+    assert 0.05 < np.mean([found is not None and found.p_value < 0.1 for found in drawn]) < 0.16
+
+
+def test_a_displacement_in_all_of_few_epochs_is_seen_whatever_the_noise() -> None:
+    rng = np.random.default_rng(9)
+    for noise in (0.3, 1.0, 5.0):
+        found = means_of_columns(_some_unknown(noise * (rng.normal(size=(4, 30)) + rng.normal(size=30)), rng))
+        assert found is not None
+        assert found.p_value < 1e-3
+
+
+def test_one_epoch_tells_nothing_of_means() -> None:
+    assert means_of_columns(np.full((1, 30), 1.0)) is None
+
+
+def _some_unknown(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.where(rng.random(values.shape) < 0.1, np.nan, values)

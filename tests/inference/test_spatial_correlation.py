@@ -107,3 +107,20 @@ def test_numbers_and_single_targets_have_no_neighbours() -> None:
     assert has_neighbours(BODIES)
     assert spatial_correlation(whitened, (EPOCHS, PLACES, 3), places, single, rng) is None
     assert spatial_correlation(whitened, (EPOCHS, 3 * PLACES, 1), places, BODIES, rng) is None
+
+
+def test_a_common_motion_in_few_epochs_is_seen_in_these() -> None:
+    rng = np.random.default_rng(12)
+    places = _places(rng)
+    errors = _noise("normal", rng)
+    few = np.arange(4)
+    errors[few] += 2.0 * np.sin(3.0 * places[:, :1]) * rng.normal(size=(4, 1, 1))
+    fit = _fit(errors, places)
+    drawn = [
+        spatial_correlation(fit, errors.shape, places, BODIES, rng, selected)
+        for selected in (few, np.arange(4, EPOCHS))
+    ]
+    assert drawn[0] is not None
+    assert drawn[1] is not None
+    assert drawn[0].p_value < 1e-3
+    assert drawn[1].p_value > 0.01

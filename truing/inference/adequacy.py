@@ -19,7 +19,7 @@ import numpy as np
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.blocks import FEWEST_BLOCKS, regions
 from truing.inference.fitted_model import FittedModel
-from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
+from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter, means_of_columns
 from truing.inference.model import CauseT
 from truing.inference.noise import NOISE_PRIOR_FREEDOM, NoiseLevel
 from truing.inference.spatial_correlation import has_neighbours, spatial_correlation
@@ -145,13 +145,36 @@ def _orderings(fitted: FittedModel[CauseT]) -> dict[str, Array]:
     return columns
 
 
-def is_unordered(residuals: Array, selected: Mask, fitted: FittedModel[CauseT], level: float) -> bool:
-    """Return True if residuals of selected places are as uncorrelated between neighbours as noise.
+def is_like_noise(residuals: Array, selected: Mask, fitted: FittedModel[CauseT], level: float) -> bool:
+    """Return True if residuals of selected places are as uncorrelated as noise.
 
     ``residuals`` (B, K, d) are standardised residuals, ``selected`` (B, K) selects places, ``level`` is the p-value
-    above which no correlation counts. False where too few epochs can be tested."""
+    above which no correlation counts. Neighbouring epochs are compared; of too few, the means of each place, and
+    neighbouring places within an epoch. False where nothing can be compared."""
     p_value = p_value_of_order(residuals, selected, fitted)
+    if p_value is None:
+        p_value = _p_value_of_few_epochs(residuals, selected, fitted)
     return p_value is not None and p_value > level
+
+
+def _p_value_of_few_epochs(residuals: Array, selected: Mask, fitted: FittedModel[CauseT]) -> float | None:
+    """Return the p-value of what is common to residuals (B, K, d) of a few epochs: at a place over these epochs, or at
+    neighbouring places in one of them. It is corrected for the number of tests; None where neither can be tested."""
+    p_values = []
+    means = means_of_columns(np.where(selected[..., None], residuals, np.nan).reshape(len(residuals), -1))
+    if means is not None:
+        p_values.append(means.p_value)
+    neighbours = spatial_correlation(
+        fitted.fit.whitened,
+        fitted.measured.values.shape,
+        np.asarray(fitted.scene.shape, float),
+        fitted.model.channel_groups,
+        np.random.default_rng(len(residuals)),
+        np.flatnonzero(selected.any(1)),
+    )
+    if neighbours is not None:
+        p_values.append(neighbours.p_value)
+    return min(p_values) * len(p_values) if p_values else None
 
 
 def p_value_of_order(residuals: Array, selected: Mask, fitted: FittedModel[CauseT]) -> float | None:

@@ -123,3 +123,18 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
         return None
     mean = squares / freedom
     return MeansAgainstScatter(float(mean[0] / max(mean[1], 1e-300)), float(freedom[0]), float(freedom[1]))
+
+
+def means_of_columns(values: Array) -> MeansAgainstScatter | None:
+    """Return the F ratio of the means of columns of values (B, N), NaN where unknown; None where the scatter within the
+    columns cannot be estimated."""
+    known = np.isfinite(values)
+    count = known.sum(0)
+    values, known, count = values[:, count > 1], known[:, count > 1], count[count > 1]
+    freedom = float(len(count)), float((count - 1).sum())
+    if min(freedom) <= 1.0:
+        return None
+    of_means = np.where(known, values, 0.0).sum(0) ** 2 / count
+    within = np.where(known, values, 0.0) ** 2
+    mean_squares = of_means.sum() / freedom[0], (within.sum() - of_means.sum()) / freedom[1]
+    return MeansAgainstScatter(float(mean_squares[0] / max(mean_squares[1], 1e-300)), *freedom)

@@ -10,7 +10,7 @@ from typing import Generic
 
 import numpy as np
 
-from truing.inference.adequacy import is_unordered, p_value_of_order
+from truing.inference.adequacy import is_like_noise, p_value_of_order
 from truing.inference.arrays import Array, Mask
 from truing.inference.attribution import p_value_of_dependence
 from truing.inference.choice import is_real
@@ -74,7 +74,7 @@ class NoiseSelection(Generic[CauseT]):
         mask, rest = noise_dependence.driver.values > 0.5, self.fitter.known_residuals(fitted)
         doubt = ""
         if noise_dependence.driver.cause is not None:
-            is_noise = is_unordered(rest, mask, fitted, _SURELY_NOISE)
+            is_noise = is_like_noise(rest, mask, fitted, _SURELY_NOISE)
             tried = self.fitter.scatter_count(fitted, kinds, of_inputs=False)
             doubt = self._doubt(rest, mask, fitted, tried, self.dependence_level) if is_noise else Reason.UNNAMED
         return replace(self.fitter.with_noise_dependence(fitted, noise_dependence), doubt=doubt)
@@ -137,7 +137,7 @@ class NoiseSelection(Generic[CauseT]):
         real = (c for c in first.best.values() if is_real(first, c, self.level))
         if gain <= max((first.posterior(c) for c in real), default=0.0) + _UNSTRUCTURED:
             return False
-        return is_unordered(rest, mask, first.fitted, _ORDERED)
+        return is_like_noise(rest, mask, first.fitted, _ORDERED)
 
     def noisy_channels(self, final: FittedModel[CauseT]) -> Iterator[tuple[int, NoiseLevel]]:
         """Yield the channels of an instrument with noise larger than declared; p-values are corrected for their number.

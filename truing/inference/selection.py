@@ -8,7 +8,7 @@ on something, observations are weighted accordingly and the search is repeated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic
@@ -87,16 +87,15 @@ class _Accounted(Generic[CauseT]):
     noise_dependences: Sequence[NoiseDependence]
     scatters: Sequence[FoundScatter[CauseT]]
 
-    @property
-    def is_named(self) -> bool:
-        """False if the final model holds something without a name, of which any catalogued cause may be a part.
+    def is_named(self, larger: Sequence[NoiseDependence]) -> bool:
+        """Return False if the final model holds something without a name, of which any catalogued cause may be a part.
 
-        That is a nonparametric effect; larger noise in several periods, or in one while inputs scatter, because an
-        unknown effect is then more likely; and larger noise that is not random.
+        That is a nonparametric effect; noise ``larger`` than declared in several periods, or in one while inputs
+        scatter, because an unknown effect is then more likely; and larger noise that is not random.
         """
-        periods = sum(entry.driver.cause is not None for entry in self.noise_dependences)
+        periods = sum(entry.driver.cause is not None for entry in larger)
         few = periods < (1 if self.scatters else _SEVERAL_PERIODS)
-        doubted = any(entry.doubt for entry in self.noise_dependences) or any(entry.doubt for entry in self.scatters)
+        doubted = any(entry.doubt for entry in larger) or any(entry.doubt for entry in self.scatters)
         return few and not doubted and all(cause.catalogued for cause in self.searched.final.causes)
 
 
@@ -107,7 +106,8 @@ class _Left:
     noise: NoiseLevel
     noisy: tuple[tuple[int, NoiseLevel], ...]
     adequacy: Adequacy
-    is_noisier: bool  # larger noise than declared, as a whole or in places
+    larger: tuple[NoiseDependence, ...]  # dependences by which some noise is larger than declared
+    is_noisier: bool  # larger noise than declared, as a whole or in places, which no cause of noise explains
     holds: bool  # complete, adequate, and without larger noise
 
 
@@ -132,11 +132,10 @@ class CauseSelection(Generic[CauseT]):
 
     def run(self, kinds: Sequence[CauseT]) -> CauseDiagnosis[CauseT]:
         """Return the diagnosis over all kinds of cause of a catalogue."""
-        accounted = self._accounted(kinds)
-        searched, verdicts = SearchVerdicts(self._search).paying(accounted.searched, kinds)
-        accounted = replace(accounted, searched=searched)
+        accounted, verdicts = self._paying(self._accounted(kinds), kinds)
+        searched = accounted.searched
         left = self._left(accounted)
-        holds, is_named = left.holds, accounted.is_named
+        holds, is_named = left.holds, accounted.is_named(left.larger)
         outdone, courses = outdone_causes(self._search, searched, verdicts, compares_courses=holds and is_named)
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attribution = (
@@ -159,6 +158,21 @@ class CauseSelection(Generic[CauseT]):
         if not holds:
             verdicts = [_with_confirmed_inputs(verdict, searched.final, attributions) for verdict in verdicts]
         return self._diagnosis(kinds, accounted, left, verdicts, doubt, attribution)
+
+    def _paying(
+        self, accounted: _Accounted[CauseT], kinds: Sequence[CauseT]
+    ) -> tuple[_Accounted[CauseT], list[Verdict[CauseT]]]:
+        """Return the search without the accepted causes that do not pay, and all verdicts. Such a cause may have
+        absorbed scatter of inputs: what scatters without it is accounted for in a new search."""
+        searched, verdicts = SearchVerdicts(self._search).paying(accounted.searched, kinds)
+        is_reduced = len(searched.kept) < len(accounted.searched.kept)
+        if is_reduced and not accounted.scatters and (scatter := self._noise.scatter(searched.final, kinds)):
+            first = self._search.first_round(kinds)
+            again, scatters = self._searched_with_scatter(kinds, first, scatter)
+            if scatters:
+                accounted = replace(accounted, searched=again, scatters=scatters)
+                searched, verdicts = SearchVerdicts(self._search).paying(again, kinds)
+        return replace(accounted, searched=searched), verdicts
 
     def _accounted(self, kinds: Sequence[CauseT]) -> _Accounted[CauseT]:
         """Return the search after noise that depends on something, and inputs that scatter, are accounted for."""
@@ -194,22 +208,26 @@ class CauseSelection(Generic[CauseT]):
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([settings.seed, _ADEQUACY]), fitter.repeats)
         noisy = tuple(self._noise.noisy_channels(final))
+        larger = tuple(self._larger_than_declared(accounted.noise_dependences, final))
         is_noisier = bool(noisy) or noise.p_value <= settings.noise_level
-        is_noisier |= any(self._exceeds_declared(dependence, final) for dependence in accounted.noise_dependences)
+        is_noisier |= any(dependence.driver.cause is None for dependence in larger)
         holds = accounted.searched.end.is_complete and adequacy.p_value > settings.doubted_level and not is_noisier
         holds = holds and not is_beyond_floor(final.error, final.floor)
-        return _Left(noise, noisy, adequacy, is_noisier, holds)
+        return _Left(noise, noisy, adequacy, larger, is_noisier, holds)
 
-    def _exceeds_declared(self, dependence: NoiseDependence, final: FittedModel[CauseT]) -> bool:
-        """Return True if noise that depends on something may be an effect without a name.
+    def _larger_than_declared(
+        self, dependences: Sequence[NoiseDependence], final: FittedModel[CauseT]
+    ) -> Iterator[NoiseDependence]:
+        """Yield the dependences by which some noise is larger than declared: an effect without a name may be in it.
 
-        A cause of the noise has a name. A channel that scatters more than the others may still scatter as declared.
-        """
-        if dependence.driver.cause is not None or not dependence.driver.channels:
-            return dependence.driver.cause is None
-        fitter, settings = self._search.fitter, self._search.settings
-        level = noise_level(final.fit.whitened, final.measured, fitter.declared, dependence.factor > 1.0)
-        return level.p_value <= settings.noise_level
+        Others may scatter as declared where the noise is largest. Observations were weighted by all of them, so the
+        declared noise is without these weights."""
+        weights = np.prod([dependence.factor for dependence in dependences], axis=0)
+        declared = self._search.fitter.declared / weights[..., None, None] ** 2 if dependences else None
+        for dependence in dependences:
+            level = noise_level(final.fit.whitened, final.measured, declared, dependence.factor > 1.0)
+            if level.p_value <= self._search.settings.noise_level:
+                yield dependence
 
     def _diagnosis(
         self,

@@ -38,19 +38,24 @@ def has_neighbours(groups: Integers) -> bool:
 
 
 def spatial_correlation(
-    whitened: Whitened, shape: tuple[int, int, int], places: Array, groups: Integers, rng: np.random.Generator
+    whitened: Whitened,
+    shape: tuple[int, int, int],
+    places: Array,
+    groups: Integers,
+    rng: np.random.Generator,
+    selected: Integers | None = None,
 ) -> SpatialCorrelation | None:
     """Return the correlation of residuals between neighbouring places of a group, within epochs.
 
     ``shape``: epochs, places and axes (B, K, d) of the observations; ``places`` (K, D); ``groups`` (K,): number of each
-    place's group. None where no group has enough places, or where the fit leaves no residuals there.
+    place's group; ``selected``: numbers of the epochs to test, all without. None where no group has enough places, or where the fit leaves no residuals there.
     """
     near = _nearness(places, groups)
     epochs, count, size = shape
     if size == 1 or not near.any():
         return None
-    chosen = np.arange(epochs)
-    if epochs > _MOST_EPOCHS:
+    chosen = np.arange(epochs) if selected is None else selected
+    if len(chosen) > _MOST_EPOCHS:
         chosen = np.sort(rng.choice(chosen, _MOST_EPOCHS, replace=False))
     rest, projection = _residuals(whitened, epochs, count * size, chosen)
     noise = _noise_of_places(rest, projection, count)
