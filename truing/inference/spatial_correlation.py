@@ -48,7 +48,8 @@ def spatial_correlation(
     """Return the correlation of residuals between neighbouring places of a group, within epochs.
 
     ``shape``: epochs, places and axes (B, K, d) of the observations; ``places`` (K, D); ``groups`` (K,): number of each
-    place's group; ``selected``: numbers of the epochs to test, all without. None where no group has enough places, or where the fit leaves no residuals there.
+    place's group; ``selected``: numbers of the epochs to test, all without. None where no group has enough places, or
+    where the fit leaves no residuals there.
     """
     near = _nearness(places, groups)
     epochs, count, size = shape
