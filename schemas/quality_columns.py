@@ -69,8 +69,8 @@ QUALITY_COLUMNS = (
         "code of the reason for the state or the verdict. Of a cause: found; noise; remainder (columns predict the "
         "misfit where no model holds); rival; chance; held-out (worse prediction); dropped (not needed next to "
         "others); contained (in a found cause); unseen (the campaign cannot show it); alternative, inadequate, "
-        "unnamed, course, assumed, not-random, unpaid, elsewhere (suspected: docs/diagnosis.md); ended (search ended "
-        "without it); no-time, no-up, ... (a quantity is not recorded). Of a section: docs/verdict.md",
+        "unnamed, course, assumed, not-random, unpaid, weak, unconfirmed, elsewhere (suspected: docs/diagnosis.md); "
+        "ended (search ended without it); no-time, no-up, ... (a quantity is not recorded). Of a section: docs/verdict.md",
     ),
     real("misfit", "", "rms misfit of the relation as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "rms misfit with the slips corrected; empty if no slip explains it", nullable=True),

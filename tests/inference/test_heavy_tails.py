@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between
-from truing.inference.heavy_tails import is_of_place, p_value_of_repeats
+from truing.inference.heavy_tails import has_heavy_tails, is_of_place, p_value_of_repeats
 
 STEPS, CHANNELS, RUN = 119, 6, 17
 CAMPAIGNS = 30
@@ -88,3 +88,11 @@ def test_errors_that_return_with_a_command_are_no_scatter() -> None:
     jumps = np.where(command % 2, 4.0, -4.0)[:, None, None]
     assert p_value_of_repeats(_noise(rng) + jumps, own, command) < 1e-3
     assert p_value_of_repeats(_noise(rng), own, np.arange(STEPS)) == 1.0, "nothing is repeated"
+
+
+def test_heavy_tails_are_told_from_normal_errors() -> None:
+    rng = np.random.default_rng(7)
+    normal = [_noise(rng) for _ in range(CAMPAIGNS)]
+    heavy = [rng.standard_t(1.8, (STEPS, CHANNELS, 1)) for _ in range(CAMPAIGNS)]
+    told = [sum(has_heavy_tails(rest, _noisiest(rest)) for rest in draws) for draws in (normal, heavy)]
+    assert told == [0, CAMPAIGNS]

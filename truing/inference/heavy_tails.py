@@ -7,6 +7,7 @@ each error is Student's t, with any number of degrees of freedom, and the name m
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -27,19 +28,37 @@ def is_of_place(errors: Array, selected: Mask, tried: int) -> bool:
     single coordinates, or of all coordinates of an epoch together. The channels concerned are compared at other epochs,
     or with other channels if all of their epochs are concerned.
     """
+    needed, tails = [], []
+    for square, size, inside in _squares(errors, selected):
+        needed.append(log_odds_of_place(square, size, inside))
+        tails.append(log_odds_of_tails(square[inside], size))
+    return min(needed) > _NEEDED + math.log(max(tried, 1)) and max(tails) < HEAVY
+
+
+def has_heavy_tails(errors: Array, selected: Mask) -> bool:
+    """Return True if errors (B, K, d) have heavy tails in places ``selected`` (B, K), or where these are compared."""
+    tails = [
+        log_odds_of_tails(square[chosen], size)
+        for square, size, inside in _squares(errors, selected)
+        for chosen in (inside, np.ones_like(inside))
+    ]
+    return max(tails) >= HEAVY
+
+
+def _squares(errors: Array, selected: Mask) -> Iterator[tuple[Array, int, Mask]]:
+    """Yield squares (n,) of errors (B, K, d), their number of coordinates, and the mask (n,) of the selected ones.
+
+    Squares are those of single coordinates, then of epochs where whole epochs may have larger errors.
+    """
     always = bool(np.all(selected.all(0) | ~selected.any(0)))
     channels = np.ones(selected.shape[1], bool) if always else selected.any(0)
     squares, inside = errors[:, channels] ** 2, selected[:, channels]
-    values, where = squares.ravel(), np.repeat(inside.ravel(), errors.shape[2])
-    needed, tails = [log_odds_of_place(values, 1, where)], [log_odds_of_tails(values[where], 1)]
+    yield squares.ravel(), 1, np.repeat(inside.ravel(), errors.shape[2])
     known = np.isfinite(squares)
     if not always and (size := int(known.any(0).sum())) > 1:
         mean_squares = np.where(known, squares, 0.0).sum((1, 2)) / np.maximum(known.sum((1, 2)), 1) * size
         mean_squares[~known.any((1, 2))] = np.nan
-        during = np.asarray(inside.any(1))
-        needed.append(log_odds_of_place(mean_squares, size, during))
-        tails.append(log_odds_of_tails(mean_squares[during], size))
-    return min(needed) > _NEEDED + math.log(max(tried, 1)) and max(tails) < HEAVY
+        yield mean_squares, size, np.asarray(inside.any(1))
 
 
 def p_value_of_repeats(errors: Array, selected: Mask, repeats: Integers) -> float:

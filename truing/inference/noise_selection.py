@@ -16,7 +16,13 @@ from truing.inference.attribution import p_value_of_dependence
 from truing.inference.choice import is_real
 from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter
-from truing.inference.heavy_tails import HEAVY, is_of_place, log_odds_of_tails, p_value_of_repeats
+from truing.inference.heavy_tails import (
+    HEAVY,
+    has_heavy_tails,
+    is_of_place,
+    log_odds_of_tails,
+    p_value_of_repeats,
+)
 from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, scale_gain, variance_gain
 from truing.inference.rounds import Round
@@ -108,13 +114,11 @@ class NoiseSelection(Generic[CauseT]):
         Scatter is normal, larger than elsewhere next to heavy tails, different at repeats, and of no input: the p-value
         of a dependence is at least ``least``.
         """
+        if not is_of_place(rest, mask, tried):
+            return Reason.NOT_RANDOM if has_heavy_tails(rest, mask) else Reason.WEAK
         repeats = self.fitter.repeats
-        is_random = (
-            is_of_place(rest, mask, tried)
-            and (repeats is None or p_value_of_repeats(rest, mask, repeats) > _ORDERED)
-            and p_value_of_dependence(rest, mask, fitted) >= least
-        )
-        return "" if is_random else Reason.NOT_RANDOM
+        is_random = repeats is None or p_value_of_repeats(rest, mask, repeats) > _ORDERED
+        return "" if is_random and p_value_of_dependence(rest, mask, fitted) >= least else Reason.NOT_RANDOM
 
     def dependences(self, final: FittedModel[CauseT], kinds: Sequence[CauseT], most: int) -> list[NoiseDependence]:
         """Return up to ``most`` dependences of the noise, one after the other.
