@@ -70,7 +70,8 @@ QUALITY_COLUMNS = (
         "misfit where no model holds); rival; chance; held-out (worse prediction); dropped (not needed next to "
         "others); contained (in a found cause); unseen (the campaign cannot show it); alternative, inadequate, "
         "unnamed, course, assumed, not-random, unpaid, weak, unconfirmed, elsewhere (suspected: docs/diagnosis.md); "
-        "ended (search ended without it); no-time, no-up, ... (a quantity is not recorded). Of a section: docs/verdict.md",
+        "ended (search ended without it); no-time, no-up, ... (a quantity is not recorded). Of a section: "
+        "docs/verdict.md",
     ),
     real("misfit", "", "rms misfit of the relation as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "rms misfit with the slips corrected; empty if no slip explains it", nullable=True),
