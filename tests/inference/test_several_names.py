@@ -10,10 +10,19 @@ import numpy as np
 from truing.inference.several_names import cancel, several_for_one
 
 
-def cause(name: str, subject: str, *, catalogued: bool = True, onset: int = 0, is_set: bool = False) -> Any:
+def cause(
+    name: str, subject: str, *, catalogued: bool = True, onset: int = 0, is_set: bool = False, part: str = ""
+) -> Any:
     """Stand in for a cause."""
     key = f"{name} {subject} {onset}"
-    return SimpleNamespace(id=name, subject=subject, key=key, catalogued=catalogued, has_set_shape=is_set)
+    return SimpleNamespace(
+        id=name,
+        subject=subject,
+        affected_part=part or subject,
+        key=key,
+        catalogued=catalogued,
+        has_set_shape=is_set,
+    )
 
 
 def candidate(own: Any) -> Any:
@@ -57,6 +66,21 @@ def test_two_names_hold_where_they_are_clearly_more_probable() -> None:
 
 def test_an_effect_of_another_subject_is_no_rival() -> None:
     assert doubted(60.0, unnamed=ELSEWHERE) == set()
+
+
+def test_names_of_two_runs_are_doubted_where_one_effect_of_their_channel_is_as_probable() -> None:
+    """A zero that drifts in one run and a slip in another may be one random course of the channel."""
+    drift, slip = (cause(name, run, part="channel dx") for name, run in (("drift", "run 2"), ("slip", "run 5")))
+    of_channel = cause("unexplained", "channel dx", catalogued=False)
+    last = SimpleNamespace(candidates=[candidate(of_channel)])
+
+    def doubted_for(log_odds: float) -> set[str]:
+        first = scored({drift.key: 10.0, slip.key: 15.0, of_channel.key: log_odds})
+        accepted = [(drift, candidate(drift), first), (slip, candidate(slip), scored({slip.key: 16.0}))]
+        return several_for_one(accepted, last, never)
+
+    assert doubted_for(48.0) == {drift.key, slip.key}
+    assert doubted_for(20.0) == set()
 
 
 def test_a_single_name_is_not_concerned() -> None:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from truing.inference.accepted_cause import Accepted
 from truing.inference.fitted_model import FittedModel
 from truing.inference.forward_search import ForwardSearch
-from truing.inference.free_course import CourseRival, course_rival
+from truing.inference.free_course import CourseRival, course_rival, lead_over_one_course
 from truing.inference.model import CauseT
 from truing.inference.names_next_to_others import LEAST_PROBABILITY
-from truing.inference.rounds import act_on_same, share_explained
+from truing.inference.rounds import RIVAL_FACTOR, act_on_same, share_explained
 from truing.inference.search_result import Searched, names_of_one_effect
 from truing.inference.search_verdicts import LEAST_LOG_ODDS, contradiction, is_unconfirmed
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
 
 # Probability below which other inputs, or other causes, are more probable than an effect without a name.
 _EVEN = 0.5
+_FEWEST_OF_COURSE = 2  # causes that may be one course
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,8 @@ def outdone_causes(
     level = search.settings.dependence_level
     outdone = {step.cause.key for step in searched.kept if step.is_outdone or _is_incomplete(step, searched, level)}
     outdone |= names_of_one_effect(searched.kept, searched.rounds[-1], searched.final)
+    if compares_courses:
+        outdone |= _names_of_one_course(search, searched)
     rivals = _course_rivals(search, searched, outdone) if compares_courses else {}
     outdone |= _beside_refused(searched, verdicts)
     return outdone | rivals.keys() | _smaller(searched, rivals.keys()), rivals
@@ -99,6 +103,32 @@ def outdone_causes(
 def _is_incomplete(step: Accepted[CauseT], searched: Searched[CauseT], level: float) -> bool:
     """Return True if nonparametric rivals of an accepted cause still explain something next to it."""
     return searched.rounds[-1].p_value_of_rivals(step.rivals) <= level
+
+
+def _names_of_one_course(search: ForwardSearch[CauseT], searched: Searched[CauseT]) -> set[str]:
+    """Return the keys of accepted causes of one part that are together not clearly more probable than one random course
+    of it: a zero that wanders passes for drifts and slips in single runs."""
+    result: set[str] = set()
+    named = [step for step in searched.kept if step.cause.catalogued]
+    for part in {step.cause.affected_part for step in named}:
+        of_part = [step for step in named if step.cause.affected_part == part]
+        if len(of_part) < _FEWEST_OF_COURSE:
+            continue
+        keys = {step.cause.key for step in of_part}
+        without = search.without_causes(searched, keys)
+        sized = [(step.cause, step.candidate.signature.parameters) for step in of_part]
+        priors = [_log_prior(step) for step in of_part]
+        # Beforehand, the course is as probable as the most probable one of the names.
+        lead = lead_over_one_course(searched.final, without, sized) + sum(priors) - max(priors)
+        if lead < math.log(RIVAL_FACTOR):
+            result |= keys
+    return result
+
+
+def _log_prior(step: Accepted[CauseT]) -> float:
+    """Return the log prior probability of an accepted cause, with its subject and shape."""
+    score = step.round.scores[step.candidate.key]
+    return score.log_posterior - score.log_evidence
 
 
 def _course_rivals(

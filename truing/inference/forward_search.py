@@ -165,7 +165,11 @@ class ForwardSearch(Generic[CauseT]):
 
     def without_cause(self, searched: Searched[CauseT], key: str) -> FittedModel[CauseT]:
         """Return the fit of the final model without one of its accepted causes."""
-        others = (step.cause for step in searched.kept if step.cause.key != key)
+        return self.without_causes(searched, {key})
+
+    def without_causes(self, searched: Searched[CauseT], keys: Collection[str]) -> FittedModel[CauseT]:
+        """Return the fit of the final model without some of its accepted causes."""
+        others = (step.cause for step in searched.kept if step.cause.key not in keys)
         return self.fitter.comparable((*searched.given, *others), searched.final)
 
     def without_drifts(self, searched: Searched[CauseT]) -> FittedModel[CauseT]:

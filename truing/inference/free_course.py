@@ -123,9 +123,7 @@ def course_rival(
         for follows, several in random_courses(final).items()
         if (unlike := [functions for functions in several if not _are_alike(functions, effect_courses)])
     }
-    width = max(int(sum(np.count_nonzero(part) for part in pattern.pathways.values())) for pattern in patterns)
-    functions = sum(functions_of_input.shape[1] for several in courses.values() for functions_of_input in several)
-    if len(patterns[0].course) * width**2 * functions > _MOST_PRODUCTS:
+    if _are_too_many(patterns, courses):
         return None
     motions, places = [pattern.pathways for pattern in patterns], range(len(patterns))
     moved_beside, moved = (_Moved(model, model.pathways.combined(motions)) for model in (final, without))
@@ -143,6 +141,33 @@ def course_rival(
     chosen = next_to_it if is_beside else max(instead, key=lambda rival: rival.odds)
     share = named / max(named + (next_to_it.squares if is_beside else 0.0), 1e-300)
     return CourseRival(chosen.follows, float(odds), float(behind + np.log(choice)), share)
+
+
+def lead_over_one_course(
+    final: FittedModel[CauseT], without: FittedModel[CauseT], causes: Sequence[tuple[CauseT, int]]
+) -> float:
+    """Return the log evidence for several causes of the ``final`` model over one random course in place of all of them.
+
+    ``without`` is that model without them; each cause comes with the number of its parameters before those of its
+    shape. Infinite where the causes do not move the same in one pattern, or where courses cannot be tested.
+    """
+    if any(not move_alike(final, causes[0], other) for other in causes[1:]):
+        return np.inf
+    patterns = [pattern for cause in causes for pattern in _patterns_of(final, *cause)[0][:1]]
+    courses = random_courses(final)
+    if not patterns or _are_too_many(patterns, courses):
+        return np.inf
+    moved = _Moved(without, without.pathways.combined([patterns[0].pathways]))
+    instead = _likeliest(moved, 0, courses)
+    named, _ = moved.evidences([_design(0, np.concatenate([pattern.possible for pattern in patterns], 1))])[0]
+    return named - instead.odds
+
+
+def _are_too_many(patterns: Sequence[MovedPattern], courses: Mapping[Inputs, Sequence[Array]]) -> bool:
+    """Return True if products with all functions of the courses would take about a minute or more."""
+    width = max(int(sum(np.count_nonzero(part) for part in pattern.pathways.values())) for pattern in patterns)
+    functions = sum(functions_of_input.shape[1] for several in courses.values() for functions_of_input in several)
+    return len(patterns[0].course) * width**2 * functions > _MOST_PRODUCTS
 
 
 def _with_varied(

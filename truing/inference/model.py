@@ -50,6 +50,10 @@ class CauseLike(Protocol):
         """Name in the tables of the thing it concerns; empty for the whole."""
 
     @property
+    def affected_part(self) -> str:
+        """Subject that an effect without a name in its place would have."""
+
+    @property
     def concerns_several(self) -> bool:
         """True if it concerns several things, named one by one."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from truing.inference.arrays import Array
+from truing.inference.arrays import Array, Integers
 from truing.inference.campaign_inputs import columns_of, in_time_of, is_copy, numbers
 from truing.inference.fitted_model import FittedModel
 from truing.inference.input_spectra import Spectra
@@ -19,7 +19,7 @@ from truing.inference.random_functions import (
     standard,
 )
 
-_MOST_FREE = 400  # with more epochs, courses without any input are not tried
+_MOST_FREE = 1000  # with more epochs, courses without any input are not tried
 
 
 def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Array]]:
@@ -41,9 +41,15 @@ def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Ar
         by_inputs[inputs] = [standard(together), *([] if (levels := level_functions(together)) is None else [levels])]
     if len(whole) <= _MOST_FREE:
         order = spectra.in_time.order
-        walk = [] if order is None else [np.tri(len(whole))[np.argsort(np.argsort(order))]]
+        walk = [] if order is None else [_walk(np.argsort(np.argsort(order)), groups)]
         by_inputs[()] = [*walk, np.eye(len(whole))]
     return {name: [of_unit_variance(shapes) for shapes in several] for name, several in by_inputs.items()}
+
+
+def _walk(rank: Integers, groups: Integers | None) -> Array:
+    """Return functions (B, B) whose random sums are walks by the rank (B,) in time, anew in each of the ``groups``."""
+    walk = (rank[:, None] >= rank).astype(float)
+    return walk if groups is None else walk * (groups[:, None] == groups)
 
 
 def random_factors(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], Array]:

@@ -24,11 +24,11 @@ def several_for_one(
     last: Round[CauseT],
     move_alike: Callable[[CauseT, CauseT], bool],
 ) -> set[str]:
-    """Return the keys of accepted causes that share a subject and may be a single effect without a name.
+    """Return the keys of accepted causes of one part that may be a single effect without a name.
 
-    Together they are not clearly more probable than one nonparametric effect of their subject, among the candidates of
-    the ``last`` round. Or they are of one kind and ``move_alike``: a course has several steps. Not so where the machine
-    sets their shapes, such as the periods of a turn.
+    Together they are not clearly more probable than one nonparametric effect of the part, among the candidates of the
+    ``last`` round. Or they are of one kind and subject and ``move_alike``: a course has several steps. Not so where the
+    machine sets their shapes, such as the periods of a turn.
     """
     named = [entry for entry in accepted if entry[0].catalogued]
     result: set[str] = set()
@@ -36,10 +36,10 @@ def several_for_one(
         is_one_kind = (first.subject, first.id) == (second.subject, second.id)
         if is_one_kind and not (first.has_set_shape and second.has_set_shape) and move_alike(first, second):
             result |= {first.key, second.key}
-    for subject in {cause.subject for cause, _, _ in named}:
-        same_subject = [entry for entry in named if entry[0].subject == subject]
-        if len(same_subject) > 1 and _odds_of_one(same_subject, last) > -np.log(RIVAL_FACTOR):
-            result |= {cause.key for cause, _, _ in same_subject}
+    for part in {cause.affected_part for cause, _, _ in named}:
+        of_part = [entry for entry in named if entry[0].affected_part == part]
+        if len(of_part) > 1 and _odds_of_one(of_part, last) > -np.log(RIVAL_FACTOR):
+            result |= {cause.key for cause, _, _ in of_part}
     return result
 
 
@@ -58,15 +58,13 @@ def _squares(values: Array, covariance: Array) -> float:
 
 
 def _odds_of_one(accepted: Sequence[AcceptedCause[CauseT]], last: Round[CauseT]) -> float:
-    """Return the log odds of the best nonparametric effect of a subject against its accepted causes together.
+    """Return the log odds of the best nonparametric effect of a part against its accepted causes together.
 
     Both are against the model before the first of them; by the chain rule the odds of the causes multiply.
     """
-    subject, before = accepted[0][0].subject, accepted[0][2].scores
+    part, before = accepted[0][0].affected_part, accepted[0][2].scores
     unnamed = [
-        candidate
-        for candidate in last.candidates
-        if not candidate.cause.catalogued and candidate.cause.subject == subject
+        candidate for candidate in last.candidates if not candidate.cause.catalogued and candidate.cause.subject == part
     ]
     best = max(
         (before[candidate.key].log_posterior for candidate in unnamed if candidate.key in before), default=-np.inf

@@ -175,6 +175,11 @@ class Cause(Generic[SceneT_contra]):
         return ""
 
     @property
+    def affected_part(self) -> str:
+        """Subject that an effect without a name in its place would have: for most causes, their own."""
+        return self.subject
+
+    @property
     def concerns_several(self) -> bool:
         """True if the subject lists several legs or targets by name."""
         return False

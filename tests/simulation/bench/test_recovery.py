@@ -119,3 +119,31 @@ def test_a_noisy_run_is_reported_as_noise_and_not_as_a_shift(channel: str) -> No
     assert isinstance(burst.driver.cause, NoisyRun)
     assert burst.driver.cause.channel == channel
     assert abs(burst.ratio - 6.0) < WITHIN * burst.sigma < 4.0
+
+
+def _with_courses(courses: NDArray, seed: int) -> list[str]:
+    """Subjects of named causes that are found where a channel (dz) is moved by courses (B,) in units of its noise."""
+    own = bench()
+    epochs, moved = read(own, None, [], seed), CHANNELS.index("dz")
+    values = epochs.measured.values.copy()
+    values[:, moved, 0] += courses * SIGMA[moved]
+    epochs = replace(epochs, measured=replace(epochs.measured, values=values))
+    reported = CauseSelection(own.model(), epochs, None, SETTINGS).run(tuple(catalogue_of_readings().values()))
+    found = [verdict for verdict in reported.verdicts if verdict.verdict == FOUND]
+    return [verdict.cause.subject for verdict in found if verdict.cause.catalogued]
+
+
+@pytest.mark.parametrize("seed", [6, 10])
+def test_a_channel_that_wanders_in_some_runs_is_not_named_after_a_drift_in_one(seed: int) -> None:
+    """Draws that drifts and slips of single runs describe, though one random walk does as well."""
+    code = bench().model().steps.code
+    steps = np.random.default_rng(seed).normal(size=len(code))
+    walk = sum(np.where(code == run, np.cumsum(np.where(code == run, steps, 0.0)), 0.0) for run in (0, 2, 5))
+    assert _with_courses(walk, seed) == []
+
+
+def test_zeros_that_drift_in_two_runs_are_named() -> None:
+    steps = bench().model().steps
+    within = np.where(np.isin(steps.code, (1, 4)), steps.rank, 0) * np.where(steps.code == 4, -1.0, 1.0)
+    runs = [f"run {steps.run[steps.code == code][0]} channel dz" for code in (1, 4)]
+    assert sorted(_with_courses(1.5 * within, 3)) == sorted(runs)

@@ -56,6 +56,8 @@ NEEDS = {
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
 # Share of a cause above which nonparametric effects are not mentioned.
 _ALL_OF_IT = 0.995
+# Odds against another subject from which the subject is as sure as a name: 9 of 10.
+_SURE_ODDS = 9.0
 # Number of parameters that a sentence names before it counts the others.
 _NAMED = 6
 # Standard deviations below which none of many parameters counts as determined.
@@ -161,8 +163,10 @@ def _share(facts: Facts) -> str:
 
 def _found_clause(facts: Facts) -> str:
     unnamed = UNNAMED if facts.unnamed else ""
+    is_open = any(odds < _SURE_ODDS for _, odds in facts.subjects)
+    certainty = "Most probably," if is_open else "The data show that"
     return (
-        f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_largest_change(facts)}{_share(facts)} "
+        f"{certainty} {facts.clause}{unnamed}{_sizes(facts)}.{_largest_change(facts)}{_share(facts)} "
         f"{_improvement(facts)} Probability by chance: {p_at_most(facts.p_value)}, "
         f"corrected for {facts.candidates} tests.{_other_subjects(facts)}"
     )

@@ -98,6 +98,11 @@ class RunChannelCause(ChannelCourse):
         return f"run {self.run}" if self.lone else f"run {self.run} {channel_subject(self.channel)}"
 
     @property
+    def affected_part(self) -> str:
+        """Channel, in whichever run."""
+        return channel_subject(self.channel)
+
+    @property
     def family(self) -> str:
         """Kind, channel and run."""
         return f"{self.id} {self.channel} {self.run}".strip()

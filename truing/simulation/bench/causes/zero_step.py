@@ -55,6 +55,11 @@ class ZeroStep(ReadingCause):
         return f"run {self.run} {channel_subject(self.channels[0]) if len(self.channels) == 1 else several}"
 
     @property
+    def affected_part(self) -> str:
+        """Channel, in whichever run; the subject of a step of several channels."""
+        return channel_subject(self.channels[0]) if len(self.channels) == 1 else self.subject
+
+    @property
     def family(self) -> str:
         """Kind, channels and run."""
         return f"{self.id} {' '.join(self.channels)} {self.run}"
