@@ -191,6 +191,8 @@ def _dependent_quantity(claim: Claim) -> str:
         return PARTS_OF_AXES.get(claim.subject, claim.subject)
     if (joint := claim.fact("joint")) is not None:
         link = claim.fact("link")
+        if claim.fact("length_of"):
+            return f"the length of link {claim.fact('length_of')}"
         return (
             f"the motion of joint {joint}"
             if joint
