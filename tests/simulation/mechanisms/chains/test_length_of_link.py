@@ -15,6 +15,7 @@ from truing.inference.forward_search import Settings
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.selection import CauseDiagnosis, CauseSelection
 from truing.simulation.catalogue import catalogue_of_chains
+from truing.simulation.mechanisms.chains.link_causes import LinkGrowth
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 from truing.simulation.mechanisms.chains.notations import tree_of_rows
@@ -66,6 +67,8 @@ def test_a_length_is_moved_by_its_amplitude_along_the_link() -> None:
     assert {column for cause in lengths for column in cause.columns} == {"time_s"}  # of which the order is a copy
     straight = next(c for c in lengths if c.length_of == "link2" and c.columns == ("time_s",) and c.degree == 1)
     assert straight.subject == "link link2"
+    alike = LinkGrowth(link="link2").shared_with(model.scene)
+    assert straight.shared_with(model.scene) == alike
     (amplitude,) = straight.parameters(5)
     assert amplitude.unit == "mm"
     machine = model.scene.inputs_of_machine

@@ -11,7 +11,7 @@ A dependence of exactly the form of a catalogued cause is no candidate, because 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
@@ -93,6 +93,10 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         machine = scene.inputs_of_machine
         column = self.joint and machine.conditions.columns[machine.tree.readings.index(self.joint)]
         return _OF_PLACE if self.columns == (column,) else super().prior(scene)
+
+    def shared_with(self, scene: ChainScene) -> Mapping[str, object]:
+        """Return the links to which a length may also belong, and the joints between, which do not turn it."""
+        return LinkGrowth(link=self.length_of).shared_with(scene) if self.length_of else {}
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns, except times, that a prediction needs."""
