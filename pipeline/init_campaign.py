@@ -87,6 +87,10 @@ _NO_DESCRIPTION = (
     "needed: a description of the robot, which relates joints to points: put its URDF into the folder and call "
     "truing init again, or complete [mechanism] with its table of Denavit and Hartenberg"
 )
+_NO_JOINTS = (
+    "needed: columns of the joints {joints} of {file}, of which there are not as many as it has joints: name them in "
+    "columns of [files.configurations], or give joints of [mechanism] those that were read"
+)
 _OF_EACH_POSE = {"pose", "role", "time_s", "temperature_c"}
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
 
@@ -132,7 +136,8 @@ def init_campaign(
     for words in (*runs, *next_steps(guesses)):
         console.sentence(words)
     if needs_description(robot, [guess for _, guess in guesses]):
-        console.sentence(_NO_DESCRIPTION)
+        of_robot = "" if robot is None else _NO_JOINTS.format(joints=", ".join(robot.joints), file=robot.file)
+        console.sentence(of_robot or _NO_DESCRIPTION)
     if all_answers.used:
         console.line(f"the same answers again: {all_answers.command(folder, every_key=every_key)}")
     return ExitCode.DONE

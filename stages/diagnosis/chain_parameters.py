@@ -11,10 +11,12 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.arrays import TableRow
+from truing.inference.pulls import pulls
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.causes import JointOffset
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST
+from truing.stages.common.rows import Rows
 from truing.stages.diagnosis.cause_tables import source_of
 
 if TYPE_CHECKING:
@@ -65,6 +67,34 @@ def parameters_table(fitted: FittedModel) -> pa.Table:
     ]
     rows = [_row(parameter, value, parameter.sigma(covariance)) for parameter, value in values]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_parameters"].arrow_schema())
+
+
+def pull_sums_table(before: FittedModel, after: FittedModel) -> pa.Table | None:
+    """Rows of pull_sums.parquet: all numbers of the chain against their tolerances; None where none is declared.
+
+    Numbers that only together are determined, such as the lengths of two links along one axis, count together. A zero
+    whose offset was found beyond its tolerance does not count.
+    """
+    rows = Rows("pull_sums")
+    for name, fitted in (("plain", before), ("extended", after)):
+        known = _toleranced(fitted)
+        if not len(known):
+            return None
+        posterior = fitted.fit.whitened.covariance()[np.ix_(known, known)]
+        found = pulls(fitted.fit.shared[known], np.eye(len(known)), posterior)
+        band = {"lower": found.lower, "upper": found.upper, "p_value": found.p_value}
+        rows.add(model=name, chi_square=found.chi_square, freedom=found.freedom, **band)
+    return rows.table()
+
+
+def _toleranced(fitted: FittedModel) -> NDArray[np.int64]:
+    """Places of the shared unknowns, in tolerances, that are zeros of joints or errors of links."""
+    model = _chain(fitted)
+    found = {cause.joint for cause in fitted.causes if isinstance(cause, JointOffset)}
+    first = model.layout["zeros"].start
+    zeros = [first + k for k, reading in enumerate(model.free_offsets) if model.tree.readings[reading] not in found]
+    links = model.layout["links"] if model.known.modes_known else slice(0)
+    return np.array([*zeros, *range(links.start or 0, links.stop)], int)
 
 
 def uncertainty_table(fitted: FittedModel) -> pa.Table:

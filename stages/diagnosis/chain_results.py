@@ -24,7 +24,7 @@ from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.diagnosis.all_epochs import fitted_to_all
 from truing.stages.diagnosis.chain_inseparable import inseparable_table
 from truing.stages.diagnosis.chain_next import chain_measurements_of
-from truing.stages.diagnosis.chain_parameters import parameters_table, uncertainty_table
+from truing.stages.diagnosis.chain_parameters import parameters_table, pull_sums_table, uncertainty_table
 from truing.stages.diagnosis.chain_repeats import accuracy_table
 from truing.stages.diagnosis.component_errors import tip_errors
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
@@ -73,6 +73,7 @@ def results(
             **of_repeats,
             **of_motors,
             "chain_parameters": parameters_table(final),
+            "pull_sums": pull_sums_table(diagnosis.plain, final),
             "chain_uncertainty": uncertainty_table(final),
             "chain_inseparable": inseparable,
             **curves_table(final),

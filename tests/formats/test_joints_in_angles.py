@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.formats.named_joints import configurations_of_joints, joint_columns
+from truing.formats.named_joints import SlideName, configurations_of_joints, joint_columns
 
 PLACES = ("X [m]", "Y [m]", "Z [m]")
 LETTERS = ("S [rad]", "L [rad]", "U [rad]", "R [rad]", "B [rad]", "T [rad]")
@@ -50,3 +50,24 @@ def test_a_length_z_takes_the_number_that_the_joints_of_a_scara_robot_lack() -> 
     assert found("time", "J1 [deg]", "J2 [deg]", "Z [mm]", "J4 [deg]") == ("J1 [deg]", "J2 [deg]", "Z [mm]", "J4 [deg]")
     assert found("J1 [deg]", "J2 [deg]", "J3 [deg]", "Z [mm]") == ("J1 [deg]", "J2 [deg]", "J3 [deg]")
     assert found("J1", "J2", "Z [mm]", "J4") is None, "no unit says that these are angles"
+
+
+@pytest.mark.parametrize("word", ["Articulation", "Gelenk", "Axe", "Articulación", "Achse"])
+def test_numbered_joints_are_recognised_in_other_languages(word: str) -> None:
+    names = [f"{word} {number} (deg)" for number in range(1, 7)]
+    assert found("Pose", *names, "X (mm)", "Y (mm)", "Z (mm)") == tuple(names)
+
+
+def _of_robot(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...] | None:
+    read = joint_columns(names, [["0.1"] * len(names)], np.full((1, len(names)), 0.1), joints)
+    return None if read is None else read.raw
+
+
+def test_an_external_axis_is_the_slide_of_the_robot_wherever_its_column_stands() -> None:
+    turning = tuple(f"A{number} [deg]" for number in range(1, 7))
+    arm = tuple(f"a{number}" for number in range(11, 17))
+    names = (*turning, "E1 [mm]", "X [mm]", "Y [mm]", "Z [mm]")
+    assert _of_robot(names, (SlideName("rail"), *arm)) == ("E1 [mm]", *turning)
+    assert _of_robot(names, (*arm, SlideName("tool"))) == (*turning, "E1 [mm]")
+    assert _of_robot(names, ("table", *arm)) is None  # a joint that turns is not read in mm
+    assert _of_robot(names, (SlideName("rail"), SlideName("lift"), *arm)) is None

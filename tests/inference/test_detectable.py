@@ -10,7 +10,8 @@ from scipy.stats import f
 
 from tests.tolerance import assert_between
 from truing.inference import detectable
-from truing.inference.detectable import AcceptanceRule, EffectSensitivity, assessed, per_scale
+from truing.inference.detectable import AcceptanceRule, EffectSensitivity, _Seen, assessed, per_scale
+from truing.inference.evidence import log_evidence
 from truing.inference.verdicts import FOUND, NOT_TESTABLE, REJECTED, Reason, Verdict
 
 DRAWS = 40_000
@@ -19,6 +20,7 @@ DRAWS = 40_000
 @dataclass(frozen=True)
 class _Named:
     subject: str = ""
+    has_known_scale: bool = False
 
     @property
     def id(self) -> str:
@@ -37,6 +39,40 @@ def test_power_is_that_of_the_test_on_simulated_residuals(rank: int, ratio: floa
     promised = float(AcceptanceRule(rank, left + rank, threshold).power(np.array(ratio)))
     sigma = np.sqrt(max(promised * (1 - promised), threshold) / DRAWS)
     assert_between(found, promised - 4 * sigma, promised + 4 * sigma, what="power")
+
+
+@pytest.mark.parametrize("rank", [1, 6])
+@pytest.mark.parametrize("threshold", [0.02, 1e-4])
+def test_power_counts_what_is_clearly_more_probable_than_no_effect(rank: int, threshold: float) -> None:
+    """Where few causes are searched, a found effect needs its probability rather than its p-value."""
+    rng, freedom, prior, strength, size = np.random.default_rng(rank), 300.0, 1 / 20, 40.0, 0.13 / np.sqrt(rank)
+    strengths, loadings = np.full(rank, strength), np.eye(rank)
+    by_test = AcceptanceRule(rank, freedom, threshold)
+    cause = _Named()
+    seen = _Seen(EffectSensitivity(cause, "any", by_test, per_scale(strengths, loadings)), strengths, loadings, prior)
+    expected = seen.sensitivity_of_found().power(size)
+
+    pattern = rng.standard_normal((DRAWS, rank))
+    pattern *= np.sqrt(rank) / np.linalg.norm(pattern, axis=1, keepdims=True)
+    along = size * strength * pattern + rng.standard_normal((DRAWS, rank))
+    squares, left = np.sum(along**2, 1), rng.chisquare(freedom - rank, DRAWS)
+    is_significant = f.sf(squares / rank / (left / (freedom - rank)), rank, freedom - rank) <= threshold
+    odds = log_evidence(along, strengths, left + squares, freedom) + np.log(prior)
+    found = float(np.mean(is_significant & (odds >= np.log(9.0))))
+    assert_between(found, expected - 0.03, expected + 0.03, what="power")
+    if threshold == 0.02:
+        assert by_test.power(np.array([size * strength * np.sqrt(rank)]))[0] > found + 0.1
+
+
+def test_a_shape_drawn_at_random_is_found_less_often_than_the_median_one() -> None:
+    """Onsets near the end of a campaign are seen by a few poses alone, or by none."""
+    of_shapes = np.concatenate([np.full(30, 6.0), np.full(15, 2.0), np.zeros(5)])
+    sight = EffectSensitivity(_Named(), "any", AcceptanceRule(1, 300.0, 1e-4), np.array([6.0]), of_shapes)
+    rule = sight.rule.power(np.array([6.0, 2.0, 0.0]))
+    assert sight.rate(1.0) == pytest.approx((30 * rule[0] + 15 * rule[1] + 5 * rule[2]) / 50)
+    assert sight.rate(1.0) < sight.power(1.0) - 0.2
+    alone = EffectSensitivity(_Named(), "any", sight.rule, np.array([6.0]))
+    assert alone.rate(1.0) == alone.power(1.0)
 
 
 def test_a_pattern_in_no_particular_direction_is_seen_by_its_strengths() -> None:

@@ -89,6 +89,17 @@ def test_an_index_in_brackets_is_no_unit_of_a_joint(tmp_path: Path) -> None:
     assert_close(numbers(found, "pan_rad", "lift_rad", "twist_rad"), joints, atol=1e-9, what="joints")
 
 
+def test_joints_without_columns_are_named_and_not_the_description_that_is_there(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    head = ";".join([*(f"J{k} [deg]" for k in range(1, 6)), "X [mm]", "Y [mm]", "Z [mm]"])
+    rows = [";".join(map(str, row)) for row in RNG.uniform(-80.0, 80.0, (12, 8)).round(3)]
+    _write(tmp_path / "log.csv", [head, *rows])
+    printed, _ = init(tmp_path)
+    said = " ".join(printed.split())
+    assert "pan, lift, twist of arm.urdf" in said
+    assert "put its URDF into the folder" not in said
+
+
 def test_x_of_an_autocollimator_is_the_deviation_of_a_rotary_axis(tmp_path: Path) -> None:
     off = RNG.uniform(-2.0, 2.0, 12).round(2)
     rows = [f"{30 * k}.0;{x};{RNG.uniform(3.0, 4.0):.2f}" for k, x in enumerate(off)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
+from tests.ignored_causes import search_only
 from tests.sentences import assert_says
 from truing.pipeline.command_line import app
 
@@ -96,6 +98,23 @@ def test_theory_agrees_with_diagnoses_of_simulated_campaigns(planned: Path, tmp_
     largest = sizes[-1]
     assert largest["found"] >= 3 / 4
     assert largest["subject_right"] >= 2 / 4
+
+
+@pytest.mark.slow
+def test_theory_agrees_with_diagnoses_that_ignore_other_causes(planned: Path, tmp_path: Path) -> None:
+    """Of few causes a lower p-value suffices, but a found one is still clearly more probable than none; and a late or
+    an early onset shows less than that of median sensitivity."""
+    folder = Path(shutil.copytree(planned, tmp_path / "few"))
+    kept = ("joint-eccentricity", "joint-jump", "base-jump", "target-moved")
+    search_only(folder, *kept)
+    out = tmp_path / "power.csv"
+    done = call("power", folder, "--causes", "base-jump,joint-jump", "--draws", 6, "--workers", 1, "--out", out)
+    assert done.exit_code == 0, done.output
+    sizes = [row for row in pyarrow.csv.read_csv(tmp_path / "power-rates.csv").to_pylist() if row["cause"] != "nothing"]
+    expected, found, campaigns = (np.array([row[name] for row in sizes]) for name in ("expected", "found", "campaigns"))
+    spread = np.sqrt(np.sum(campaigns * expected * (1.0 - expected)))
+    assert len(sizes) == 10
+    assert abs(np.sum(campaigns * (found - expected))) < 3.0 * spread
 
 
 def test_every_cause_of_the_chain_has_its_size(planned: Path, tmp_path: Path) -> None:

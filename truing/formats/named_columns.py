@@ -13,9 +13,22 @@ from truing.formats.guess import MappingKeys
 from truing.formats.units import bare_and_unit, expanded
 
 _FAMILIES = {
-    "quaternion": (("qw", "qx", "qy", "qz"), ("q0", "qx", "qy", "qz"), ("q0", "q1", "q2", "q3"), ("w", "i", "j", "k")),
+    "quaternion": (
+        ("qw", "qx", "qy", "qz"),
+        ("q0", "qx", "qy", "qz"),
+        ("q0", "q1", "q2", "q3"),
+        ("w", "i", "j", "k"),
+        ("q1", "q2", "q3", "q4"),  # the real part may be the first or the last
+    ),
     "vector": (("rx", "ry", "rz"), ("rotx", "roty", "rotz"), ("wx", "wy", "wz")),
-    "euler": (("roll", "pitch", "yaw"), ("omega", "phi", "kappa"), ("alpha", "beta", "gamma"), ("a", "b", "c")),
+    "euler": (
+        ("roll", "pitch", "yaw"),
+        ("roulis", "tangage", "lacet"),
+        ("rollwinkel", "nickwinkel", "gierwinkel"),
+        ("omega", "phi", "kappa"),
+        ("alpha", "beta", "gamma"),
+        ("a", "b", "c"),
+    ),
 }
 _COLUMNS = {
     "quaternion": ("qw", "qx", "qy", "qz"),
@@ -211,6 +224,10 @@ def _mapped(
         notes.append("Euler angles: say their order, [poses] euler")
         if not in_degrees:
             units.update(dict.fromkeys(_COLUMNS["euler"], "rad"))
+    elif bare_and_unit(turned[0])[0].casefold().endswith("q1"):
+        notes.append(
+            f"the real part of the quaternion is taken to be {turned[0]}; if it is {turned[3]}: qw is that one"
+        )
     columns |= dict(zip(_COLUMNS[kind], turned, strict=True))
     unit = bare_and_unit(group[0])[1]
     mapping: MappingKeys = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}

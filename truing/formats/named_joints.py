@@ -20,10 +20,12 @@ _NOT_POSITIONS = re.compile(
 # What errors of a robot may depend on besides its joints.
 _INPUTS = re.compile(r"torque|effort|current|(?<![a-z])tau|temp|humid|pressure|payload|speed|veloc", re.IGNORECASE)
 _NUMBERED = re.compile(
-    r"(?P<family>.*?(?:actual_?q|joint\w*?|axis\w*?|achse|(?<![a-z])(?:a|j|q|th(?:eta)?)|position)[ _.\[(-]*)"
+    r"(?P<family>.*?(?:actual_?q|joint\w*?|axis\w*?|achse|gelenk|articula\w*?|(?<![a-z])(?:axe|asse|eje)"
+    r"|(?<![a-z])(?:a|j|q|th(?:eta)?)|position)[ _.\[(-]*)"
     r"(?P<number>\d+)(?P<rest>[\])]?.*)",
     re.IGNORECASE,
 )
+_EXTERNAL = re.compile(r"e(\d)", re.IGNORECASE)  # an external axis: a rail next to A1 to A6
 _INDEX = re.compile(r"[\[(]\d+[\])]$")  # position[1] has no unit
 _LINEAR = ("m", "mm", "cm", "um", "in", "nm")
 _FEWEST, _MOST = 3, 9
@@ -78,6 +80,7 @@ def joint_columns(
     joints: names of the robot's joints from the base on; empty if no description is known.
     """
     raw = _match_by_name(names, joints) or _match_by_cells(names, data, joints) or _match_by_number(names, len(joints))
+    raw = raw or _match_with_external(names, joints)
     called = None if raw is not None or joints else _called_joints(names)
     if raw is None and called is None and not joints:
         raw = _in_angles(names) or _by_letters(names)
@@ -148,6 +151,21 @@ def _match_by_number(names: Sequence[str], count: int) -> tuple[str, ...] | None
         if steady and (size == count or (count == 0 and _FEWEST <= size <= _MOST)):
             return tuple(family[number] for number in numbers)
     return None
+
+
+def _match_with_external(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...] | None:
+    """Return numbered joints together with external axes E1 .., which are as many lengths as the robot has slides."""
+    found = {match[1]: name for name in names if (match := _EXTERNAL.fullmatch(bare_and_unit(name)[0].strip()))}
+    external = [found[number] for number in sorted(found)]
+    slides = [isinstance(joint, SlideName) for joint in joints]
+    is_length = all(bare_and_unit(name)[1] in (None, *_LINEAR) for name in external)
+    if not external or len(external) != sum(slides) or not is_length:
+        return None
+    numbered = _match_by_number(names, len(joints) - len(external))
+    if numbered is None:
+        return None
+    turning, sliding = iter(numbered), iter(external)
+    return tuple(next(sliding) if is_slide else next(turning) for is_slide in slides)
 
 
 def _add_slide(family: dict[int, str], names: Sequence[str]) -> None:

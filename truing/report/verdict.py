@@ -25,6 +25,7 @@ _ASSESSED_BY = (
     "truing.report.diagnosis.verdict_sentences:simulation_verdict",
     "truing.report.diagnosis.verdict_sentences:diagnosis_verdict",
     "truing.report.diagnosis.pulls:pulls_verdict",
+    "truing.report.chain_pulls:chain_pulls_verdict",
     "truing.report.calibration.section:calibration_verdict",
     "truing.report.sensor.calibration:calibration_verdict",
     "truing.report.transfer_section:transfer_verdict",

@@ -194,8 +194,8 @@ class DetectionQuestion:
     unit: EffectSize  # one plausible scale of the effect, in the unit of the tables
 
     def rate(self, size: float) -> float:
-        """Return the probability of detection that theory expects at a size."""
-        return float(np.mean([question.power(size) for question in self.sensitivities])) if self.sensitivities else 0.0
+        """Return the probability of detection that theory expects at a size of an effect that is drawn at random."""
+        return float(np.mean([question.rate(size) for question in self.sensitivities])) if self.sensitivities else 0.0
 
     def signal_to_noise(self, size: float) -> float:
         """Return the mean signal-to-noise ratio at a size."""
@@ -206,9 +206,15 @@ class DetectionQuestion:
         )
 
     def size_of(self, power: float) -> float | None:
-        """Return the size, in plausible scales, at which theory expects this power; None if no size reaches it."""
+        """Return the size, in plausible scales, at which theory expects this power; None if no size reaches it.
+
+        Where too many shapes stay unseen at any size, such as late onsets, it is that of the shape of median
+        sensitivity.
+        """
         sizes = np.geomspace(1e-4, 1e3, 281)
         rates = np.array([self.rate(float(size)) for size in sizes])
+        if rates[-1] < power and self.sensitivities:
+            rates = np.mean([[question.power(float(size)) for size in sizes] for question in self.sensitivities], 0)
         return float(np.interp(power, rates, sizes)) if rates[-1] >= power else None
 
     @cached_property

@@ -191,6 +191,9 @@ def _dependent_quantity(claim: Claim) -> str:
         return PARTS_OF_AXES.get(claim.subject, claim.subject)
     if (joint := claim.fact("joint")) is not None:
         link = claim.fact("link")
+        if claim.fact("length_of"):
+            also = " or ".join(subject_words(link) for link in claim.fact("alike") or ())
+            return f"the length of link {claim.fact('length_of')}{f' or {also}' if also else ''}"
         return (
             f"the motion of joint {joint}"
             if joint

@@ -74,8 +74,7 @@ class LinkGrowth(LinkCause):
         temperature_rise = machine.temperature_rise
         if temperature_rise is None or not np.isfinite(temperature_rise).all() or not np.ptp(temperature_rise) > 0.0:
             return ()
-        links = [replace(self, link=name) for name in machine.tree.links]
-        long = [cause for cause in links if cause.twists(machine).any()]
+        long = [replace(self, link=growth.link) for growth in lengths_of_links(machine)]
         return [self, *long, *_lengths_along(long, machine)] if long else ()
 
     def shared_with(self, scene: ChainScene) -> Mapping[str, Any]:
@@ -117,6 +116,14 @@ class LinkGrowth(LinkCause):
             result[:, k, :3, 0] = np.multiply.outer(machine.temperature_rise, self._vector(machine, k))
         return result
 
+    def unit_growth(self, machine: ChainInputs) -> NDArray:
+        """Return the shift (nodes, 6) of the next joints by a unit of length, along the link's vector to each."""
+        result = np.zeros((machine.tree.size, 6))
+        for k in self._children(machine):
+            vector = self._vector(machine, k)
+            result[k, :3] = vector / max(float(np.sqrt(vector @ vector)), 1e-300)
+        return result
+
     def _vector(self, machine: ChainInputs, k: int) -> NDArray:
         """Return the vector (3,), m, that grows, from the link's joint to that of node k, in the frame of node k."""
         node = machine.tree.nodes[k]
@@ -125,6 +132,12 @@ class LinkGrowth(LinkCause):
             return vector
         axis = node.axis if node.joint == self.along else node.R.T @ machine.tree.nodes[node.parent].axis
         return np.asarray((vector @ axis) * axis)
+
+
+def lengths_of_links(machine: ChainInputs) -> list[LinkGrowth]:
+    """Return the growth of every link that has a length."""
+    links = [LinkGrowth(link=name) for name in machine.tree.links]
+    return [cause for cause in links if cause.unit_growth(machine).any()]
 
 
 def _lengths_along(links: Sequence[LinkGrowth], machine: ChainInputs) -> list[LinkGrowth]:

@@ -1,5 +1,8 @@
 """Nonparametric effects on a chain: a joint's motion, or the place of a link or the base, depends smoothly on inputs.
 
+The length of a link may depend on time: heat of motors that no recorded temperature shows. Its course alone resembles a
+joint that jumps or a target that moves.
+
 A joint may also depend on two readings, and on the history of its own: friction remembers turning points. Beyond the
 inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
 determine no curve, and a continued one would predict other poses worse than none.
@@ -8,7 +11,7 @@ A dependence of exactly the form of a catalogued cause is no candidate, because 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
@@ -21,6 +24,7 @@ from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import MEMORY, ORDER, STOPS, TIME, middle_and_half, varying_columns
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
+from truing.simulation.mechanisms.chains.link_causes import LinkGrowth, lengths_of_links
 from truing.simulation.nonparametric import (
     PER_FUNCTION,
     POLYNOMIAL,
@@ -51,12 +55,14 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     """The motion of one joint, or the place of the base, depends on columns of the configurations, or on a product of
     two.
 
-    With a ``link`` it is the place of that measured link in its own frame, such as a tool on its flange.
+    With a ``link`` it is the place of that measured link in its own frame, such as a tool on its flange. With
+    ``length_of`` a link it is the length of that one.
     """
 
     joint: str = ""
     is_angle: bool = True
     link: str = ""
+    length_of: str = ""
 
     reach = 10.0
     boundless = frozenset({POLYNOMIAL, WAVES, SURFACE, HISTORY, *SETTLINGS})
@@ -66,12 +72,13 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     def step(self) -> Step:  # type: ignore[override]
         """A joint's deviation belongs to the drive, that of a link to the structure, that of the base to the
         instrument."""
-        return Step.DRIVE if self.joint else Step.STRUCTURE if self.link else Step.INSTRUMENT
+        return Step.DRIVE if self.joint else Step.STRUCTURE if self.link or self.length_of else Step.INSTRUMENT
 
     @property
     def subject(self) -> str:
         """The joint or the link; empty for the base."""
-        return f"joint {self.joint}" if self.joint else f"link {self.link}" if self.link else ""
+        link = self.link or self.length_of
+        return f"joint {self.joint}" if self.joint else f"link {link}" if link else ""
 
     @property
     def is_of_own_place(self) -> bool:
@@ -86,6 +93,10 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         machine = scene.inputs_of_machine
         column = self.joint and machine.conditions.columns[machine.tree.readings.index(self.joint)]
         return _OF_PLACE if self.columns == (column,) else super().prior(scene)
+
+    def shared_with(self, scene: ChainScene) -> Mapping[str, object]:
+        """Return the links to which a length may also belong, and the joints between, which do not turn it."""
+        return LinkGrowth(link=self.length_of).shared_with(scene) if self.length_of else {}
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns, except times, that a prediction needs."""
@@ -114,6 +125,9 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                 other_columns,
                 len(machine.readings),
             )
+        for growth in lengths_of_links(machine):
+            bare = replace(self, joint="", link="", length_of=growth.link)
+            result += self._of(bare, _of_length(columns), columns, len(machine.readings))
         return result
 
     def single_errors(self, scene: ChainScene) -> Sequence[ScatterCandidate[NonparametricChainEffect]]:
@@ -177,6 +191,9 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         """Return the functions' values as motions of the link or the base; None for a joint."""
         if self.joint:
             return None
+        if self.length_of:
+            along = LinkGrowth(link=self.length_of).unit_growth(machine)
+            return np.einsum("bm,kj->bkjm", self.basis(partial(_values_of, machine)), along)
         node = next(k for k, each in enumerate(machine.tree.nodes) if each.link == self.link) if self.link else 0
         values = self.basis(partial(_values_of, machine))
         count = values.shape[-1]
@@ -186,7 +203,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return one amplitude per function, for a link or the base one of each of six motions."""
         parameters = super().parameters(legs)
-        if self.joint:
+        if self.joint or self.length_of:
             return parameters
         return tuple(
             replace(p, unit="rad", scale=_PLAUSIBLE_RAD, si=1.0) if p.name.startswith("turn") else p for p in parameters
@@ -194,14 +211,15 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
 
     @property
     def _in_key(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return (self.joint or (f"link {self.link}" if self.link else BASE),), ()
+        length = f"length of {self.length_of}" if self.length_of else ""
+        return (self.joint or (f"link {self.link}" if self.link else length or BASE),), ()
 
     @property
     def _amplitude(self) -> tuple[str, float, float]:
         return ("rad", 1.0, _PLAUSIBLE_RAD) if self.joint and self.is_angle else ("mm", _MM, _PLAUSIBLE_M)
 
     def _owners(self, legs: int) -> Sequence[str]:
-        return ("",) if self.joint else [f"{name}_" for name in _OF_BASE]
+        return ("",) if self.joint or self.length_of else [f"{name}_" for name in _OF_BASE]
 
 
 def _of_joint(columns: dict[str, NDArray], joint_column: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
@@ -241,6 +259,13 @@ def _of_position(columns: dict[str, NDArray], link: str) -> Iterator[tuple[tuple
         yield from (((column,), POLYNOMIAL, degree) for degree in _SMOOTH if link or not is_time or degree > 1)
         if is_time:
             yield from (((column,), WAVES, count) for count in _WAVES_OF_TIME)
+
+
+def _of_length(columns: dict[str, NDArray]) -> Iterator[tuple[tuple[str, ...], str, int]]:
+    """Yield inputs, form and degree of all dependences of a link's length on time; on temperature it grows."""
+    for column in (TIME, ORDER):
+        yield from (((column,), POLYNOMIAL, degree) for degree in _SMOOTH if column in columns)
+    yield from (((TIME,), form, 1) for form in SETTLINGS if TIME in columns)
 
 
 def _values_of(machine: ChainInputs, column: str) -> NDArray:

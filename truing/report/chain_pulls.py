@@ -1,0 +1,89 @@
+"""Verdict on the identified numbers of a chain against their tolerances, all together and each by itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import pandas as pd
+
+from truing.belonging.relation import RelationState
+from truing.report.numbers import listed, p_equals, rough, with_uncertainty
+from truing.report.section_verdict import SectionVerdict
+from truing.report.tables import Row, Tables, table_or_none
+from truing.schemas.verdict import ReasonCode
+
+_UNLIKELY = 1e-3  # p-value below which pulls fail
+_FAR = 0.01  # p-value, corrected for all numbers, below which a single one is off
+_AS_LIKELY = 10.0  # difference of squared pulls up to which two numbers explain the rest as well: odds of 150 to 1
+_NAMED = 3
+_INFORMED = 0.95  # standard deviation in tolerances below which the data say something about a number
+# Angles are printed in degrees.
+_UNITS = {"rad": (180.0 / math.pi, "deg")}
+
+
+@dataclass(frozen=True)
+class _Far:
+    """Numbers that are farthest from nominal, and the probability of as large an error, corrected for all numbers."""
+
+    rows: tuple[Row, ...]
+    p_value: float
+
+
+def chain_pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Return the verdict on the geometry of a chain against its tolerances; None without tolerances."""
+    numbers, sums = table_or_none(tables, "chain_parameters"), table_or_none(tables, "pull_sums")
+    if numbers is None or sums is None or not len(sums):
+        return None
+    last = next(row for row in sums.itertuples() if row.model == "extended")
+    if not last.freedom:
+        text = "Pulls not tested: the data determine no number of the chain better than its tolerance."
+        return SectionVerdict("pulls", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
+    size, limit = (math.sqrt(squares / last.freedom) for squares in (last.chi_square, last.upper))
+    text = f"Pulls of the chain's numbers: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
+    text += f"{rough(limit)} (p {p_equals(last.p_value)})."
+    far = _far_numbers(numbers)
+    is_beyond = last.chi_square > last.upper
+    if far is None and not is_beyond:
+        text += " The chain agrees with its description within the tolerances."
+        return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, text, size, "1", limit)
+    if far is not None:
+        text += f" The description does not fit the machine: {_meant(far)}"
+    else:
+        text += " Numbers are farther from nominal than tolerances allow: tolerances are too small, or a cause is"
+        text += " missing."
+    least = min(last.p_value if is_beyond else 1.0, 1.0 if far is None else far.p_value)
+    state = RelationState.FAILS if least < _UNLIKELY else RelationState.ATTENTION
+    return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, size, "1", limit)
+
+
+def _far_numbers(numbers: pd.DataFrame) -> _Far | None:
+    """Return the number with the largest pull, and those that the data cannot distinguish from it, if it is farther
+    from nominal than its tolerance allows; None otherwise."""
+    from scipy.special import chdtrc
+
+    known = numbers[numbers["pull"].notna() & (numbers["sigma"] < _INFORMED * numbers["tolerance"])]
+    known = known.assign(squares=known["pull"] ** 2).sort_values("squares", ascending=False, kind="stable")
+    if not len(known):
+        return None
+    first, *others = known.itertuples()
+    p_value = min(1.0, len(known) * float(chdtrc(1, first.squares)))
+    if p_value >= _FAR:
+        return None
+    near = [row for row in others if first.squares - row.squares < _AS_LIKELY]
+    return _Far((first, *near[:_NAMED]), p_value)
+
+
+def _meant(far: _Far) -> str:
+    first, *others = map(_other, far.rows)
+    text = f"did you mean {first}?"
+    return f"{text} Equally likely: {listed(others)}." if others else text
+
+
+def _other(row: Row) -> str:
+    """Return a number with its difference from nominal: ``dz of joint elbow larger by 5.157 ± 0.008 mm``."""
+    factor, unit = _UNITS.get(row.unit, (1.0, row.unit))
+    direction = "larger" if row.identified > 0.0 else "smaller"
+    size = with_uncertainty(factor * abs(row.identified), factor * row.sigma, unit)
+    return f"{row.parameter} of joint {row.joint} {direction} by {size}"
