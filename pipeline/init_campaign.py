@@ -48,6 +48,7 @@ from truing.pipeline.init_robot import (
     with_reflector,
 )
 from truing.pipeline.init_rows import next_steps
+from truing.pipeline.init_run_columns import with_run_columns
 from truing.pipeline.init_runs import with_runs_apart
 from truing.pipeline.init_separate_loads import with_loads_apart
 from truing.pipeline.init_separate_readings import with_measured_apart
@@ -140,7 +141,7 @@ def init_campaign(
 
 def _read_together(folder: Path, guesses: list[_File], robot: Robot | None) -> list[_File]:
     """Return the guesses of files as their names, the other files and the robot's description complete them."""
-    guesses = without_commanded_poses(guesses)
+    guesses = with_run_columns(folder, without_commanded_poses(guesses))
     guesses = with_measured_apart(folder, with_loads_apart(folder, with_loads_once(folder, guesses)))
     guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
     guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
