@@ -12,9 +12,11 @@ from truing.report.calibration.calibrations import (
     main_calibration,
     rows_of,
 )
+from truing.report.chain_corrections import nominal_errors
 from truing.report.column_heads import Head
 from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
-from truing.report.diagnosis.prediction_errors import errors_of_models, part_names
+from truing.report.diagnosis.gain import compared_calibrations
+from truing.report.diagnosis.prediction_errors import POINTS, errors_of_models, part_names, root_mean_square
 from truing.report.numbers import plain, quantity, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, is_bench, table_or_none
@@ -43,7 +45,7 @@ _SHOWN = 3  # entries of K
 
 def alike(tables: Tables) -> ReportSection | None:
     """Return the section; None where the page has at most one such number."""
-    rows = (*_predictions(tables), *_deformation(tables), *_calibrated(tables))
+    rows = (*_nominal(tables), *_predictions(tables), *_positions(tables), *_deformation(tables), *_calibrated(tables))
     errors = Listing(_HEADS, rows, caption=_ERRORS)
     entries = tuple(_entries(tables))
     listings = [errors] if len(rows) > 1 else []
@@ -66,6 +68,28 @@ def _predictions(tables: Tables) -> Iterator[_Row]:
         over = parts.held_out if errors.held_out else parts.fitted
         for words, size in (("without causes", errors.before), ("with causes", errors.after))[0 if modelled else 1 :]:
             yield ("Before and after", f"{quantity}, {words}", over, f"{plain(size)} {sign(errors.unit)}")
+
+
+def _nominal(tables: Tables) -> Iterator[_Row]:
+    """Yield the error of a chain as its description has it, which the first screen gives next to that without
+    causes."""
+    errors = nominal_errors(tables)
+    if errors is not None:
+        compared_quantity = "coordinates of targets, measured minus predicted, rms, by the nominal geometry"
+        yield ("Verdict", compared_quantity, errors.poses, quantity(errors.nominal, errors.unit))
+
+
+def _positions(tables: Tables) -> Iterator[_Row]:
+    """Yield the rms errors of the platform's position by the extended model and by plain calibrations."""
+    errors = compared_calibrations(tables)
+    if errors is None:
+        return
+    is_held_out = errors["role"].eq("verification")
+    over = POINTS.held_out if is_held_out.any() else POINTS.fitted
+    shown = errors[is_held_out] if is_held_out.any() else errors
+    for name, rows in shown.groupby("called", sort=False):
+        compared_quantity = f"position of the platform, rms distance of measured and predicted, {name}"
+        yield ("Before and after", compared_quantity, over, quantity(root_mean_square(rows["position_error_um"]), "um"))
 
 
 def _deformation(tables: Tables) -> Iterator[_Row]:

@@ -207,7 +207,7 @@ def moment_with_force(readings, signals):
         (in_millimetres, "fail", "units run 3 dz", "reads 0.001 times the expected value; is its unit"),
         (load_turned_round, "fail", "signs run 4 dy rx", "run 4: dy rx with the opposite sign"),
         (labels_exchanged, "fail", "channels-exchanged run 1 dx dy", "dx reads the response expected of dy and dy"),
-        (not_set_to_zero, "warn", "run-zeros channel dz", "from zero; the noise is 0.7"),
+        (not_set_to_zero, "warn", "run-zeros channel dz", "from zero; noise of two readings makes 0.7"),
         (begun_elsewhere, "warn", "run-zeros channel rx", "Largest: run 5 +9."),
         (step_lost, "warn", "steps-missing", "1 step is missing: run 2 near step 6"),
         (step_not_read, "warn", "steps-missing", "1 step is missing: run 2 step 7"),
