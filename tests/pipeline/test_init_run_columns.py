@@ -48,7 +48,9 @@ def test_merged_cells_of_a_sequence_name_the_runs_of_loads(tmp_path: Path) -> No
     sheet.append(["No.", "Sequence", "Fx [N]", "Fy [N]", "Fz [N]", *(f"CH{k} [mV/V]" for k in range(1, 7))])
     for row in range(12):
         load = [50.0 * (row % 4) if axis == row // 4 else 0.0 for axis in range(3)]
-        sheet.append([row + 1, row // 4 + 1 if row % 4 == 0 else None, *load, *(0.01 * sum(load) + k for k in range(6))])
+        sheet.append(
+            [row + 1, row // 4 + 1 if row % 4 == 0 else None, *load, *(0.01 * sum(load) + k for k in range(6))]
+        )
     for first in (3, 7, 11):
         sheet.merge_cells(start_row=first, end_row=first + 3, start_column=2, end_column=2)
     book.save(tmp_path / "calibration.xlsx")

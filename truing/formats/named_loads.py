@@ -32,7 +32,9 @@ _CHANNEL = re.compile(
     r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge|dms|kanal)[ _.-]?(?:\d+|[xyz])|g\d", re.IGNORECASE
 )
 _NO_SIGNAL = re.compile(r"excit|suppl|speis|batter|power|versorg|ref", re.I)  # voltages that are no signals
-_RUN = re.compile(r"(run|lauf|sequence|sequenz|serie|series|test|versuch|messreihe|essai|s(é|e)rie)([ _-]?(nr|no|id|name)\.?)?", re.I)
+_RUN = re.compile(
+    r"(run|lauf|sequence|sequenz|serie|series|test|versuch|messreihe|essai|s(é|e)rie)([ _-]?(nr|no|id|name)\.?)?", re.I
+)
 _STEPS_PER_RUN = 3  # least rows of a run, on average
 _TIME = re.compile(r"(?:t|time|zeit|timestamp|x[ _]?value)\b.*", re.I)
 _MOST_CHANNELS = 8

@@ -237,6 +237,15 @@ def test_every_defect_is_found_and_reported_where_it_is(tmp_path, change, verdic
     assert message in found[row]
 
 
+def test_what_noise_makes_of_the_zeros_of_runs_is_no_limit(tmp_path):
+    """Zeros scatter by noise, so that half of the channels would exceed it and yet pass."""
+    quality = quality_of(tmp_path, noisy, repeats=2)
+    zeros = quality[quality["check"] == "run-zeros"]
+    assert len(zeros) == 6
+    assert zeros["value"].notna().all()
+    assert zeros["limit"].isna().all()
+
+
 def test_wrong_steps_are_found_without_a_simulation(tmp_path):
     toml = campaign_toml().partition("[mechanism]")[0] + "[noise]\nlinear_um = 0.5\nangular_arcsec = 0.2\n"
 
