@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -226,8 +227,14 @@ def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[
         yield from ("", "[measurement]")
         yield _commented_line('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")
     if any("euler_a_deg" in guess.mapping.get("columns", {}) for guess in guesses):
+        order = next((str(guess.poses["euler"]) for guess in guesses if "euler" in guess.poses), "")
+        remark = "capitals for rotating axes, xyz for fixed axes"
         yield from ("", "[poses]")
-        yield _commented_line('euler = "XYZ"', "needed: the order; capitals for rotating axes, xyz for fixed axes")
+        yield (
+            _remark(f"euler = {json.dumps(order)}", remark)
+            if order
+            else _commented_line('euler = "XYZ"', f"needed: the order; {remark}")
+        )
     if chain:
         yield from ("", *(_remark(line, remark) for line, remark in chain))
     elif legs := legs_of_table(guesses):

@@ -17,6 +17,7 @@ from truing.formats.guess import MappingKeys
 from truing.formats.source import OF_IMAGES
 from truing.pipeline.campaign_folder import FILE, suggested_folder
 from truing.pipeline.console import RunConsole
+from truing.pipeline.init_bodies_of_legs import with_renamed_bodies
 from truing.pipeline.init_commanded_poses import without_commanded_poses
 from truing.pipeline.init_entries import (
     RawGroup,
@@ -156,6 +157,7 @@ def _read_together(folder: Path, guesses: list[_File], robot: Robot | None) -> l
     guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
     guesses = with_prefixed_survey(folder, guesses)
     guesses = [(group, changed) for (group, _), changed in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
+    guesses = with_renamed_bodies(folder, guesses)
     named = with_bodies_of_legs([guess for _, guess in guesses])
     return [(group, changed) for (group, _), changed in zip(guesses, named, strict=True)]
 

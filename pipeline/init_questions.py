@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pydantic import ValidationError
+
 from truing.formats.guess import MappingKeys
 from truing.formats.raw_tables import COORDINATES
 from truing.formats.units import UnknownUnit, conversion, dimension
@@ -16,6 +18,7 @@ from truing.pipeline.campaign_template import assumed_unit, has_open_rotation, u
 from truing.schemas.columns import find_column
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
+from truing.schemas.sections import MeasuredPoses
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
@@ -52,6 +55,8 @@ _KEYS = (
         "table",
         "unit",
         "rotation",
+        "euler",
+        "approach",
     ),
     "coverage",
     *_CONSTANTS,
@@ -78,6 +83,8 @@ class Question:
             except UnknownUnit:
                 return "a unit of length, such as mm, m, um or in"
             return None
+        if self.key == "euler":
+            return _fault_of_order(answer)
         if self.key.startswith(_UNIT_OF):
             return _fault_of_unit(answer, self.key.removeprefix(_UNIT_OF))
         if self.key in ("coverage", "load"):
@@ -195,6 +202,9 @@ def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
         yield Question(
             "rotation", "Three angles in rad: a rotation vector, or Euler angles", "vector", ("vector", "euler")
         )
+    if "euler_a_deg" in mapping.get("columns", {}) and not guess.poses:
+        text = "Order of the three Euler angles: XYZ about rotating axes, xyz about fixed axes, or other axes"
+        yield Question("euler", text, "")
     if "coverage" in mapping:
         text = "Coverage factor k of the uncertainties, which are divided by it; 1: one sigma"
         yield Question("coverage", text, f"{mapping['coverage']:g}")
@@ -234,6 +244,15 @@ def _dimension(column: str) -> str:
     return dimension(known.unit) if known is not None and known.unit else ""
 
 
+def _fault_of_order(answer: str) -> str | None:
+    """Expected form of an answer for the order of Euler angles; None if it is valid."""
+    try:
+        MeasuredPoses(euler=answer)
+    except ValidationError:
+        return "three axes, neighbours different, such as XYZ, zyx or ZXZ"
+    return None
+
+
 def _fault_of_unit(answer: str, of: str) -> str | None:
     """Expected form of an answer for a unit of a dimension; None if it is valid."""
     try:
@@ -257,6 +276,8 @@ def _answered(guess: Guess, key: str, answer: str) -> Guess:
         columns = [c for c in unread_units(guess.mapping) if _dimension(c) == key.removeprefix(_UNIT_OF)]
         units = {**guess.mapping.get("units", {}), **dict.fromkeys(columns, answer)}
         return replace(guess, mapping={**guess.mapping, "units": units})
+    if key == "euler":
+        return replace(guess, poses={"euler": answer})
     if key == "rotation":
         return _with_angles(guess, {name: name for name in _EULER} if answer == "vector" else _EULER)
     if key in _CONSTANTS:
