@@ -298,8 +298,10 @@ def _of_constants(constants: Mapping[str, object]) -> Iterator[str]:
         yield f'body = "{constants["body"]}" is a guess; all points are assumed to be on one rigid body'
     if "channel" in constants:
         yield f'channel = "{constants["channel"]}" is a guess; no file names the channel'
-    if "load_axis" in constants:
-        yield f'load_axis = "{constants["load_axis"]}", load = {constants.get("load")}, assumed to be without a load'
+    if "load_axis" in constants and "load" not in constants:
+        yield f'load_axis = "{constants["load_axis"]}" is a guess; no file names the component of the load'
+    elif "load_axis" in constants:
+        yield f'load_axis = "{constants["load_axis"]}", load = {constants["load"]}, assumed to be without a load'
     for name in ("run", "pose"):
         if name in constants:
             yield f"{name} = {constants[name]!r}, all rows are assumed to be one {name}".replace("'", '"')
