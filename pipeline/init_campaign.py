@@ -27,6 +27,7 @@ from truing.pipeline.init_entries import (
     glob_without_others,
     is_picture,
     network_tables,
+    numbers_beside,
     photograph_entries,
     scanned_body,
 )
@@ -206,7 +207,13 @@ def _with_keys_of_names(guesses: list[_File]) -> list[_File]:
 
 def _with_keys(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> Guess:
     ways = tuple(replace(way, guess=_with_keys(group, way.guess, tables)) for way in guess.ways)
-    return replace(guess, mapping=_whole_mapping(group, guess, tables), ways=ways)
+    mapping = _whole_mapping(group, guess, tables)
+    differing = numbers_beside(group.names, mapping.get("from_name", "")) if guess.table == "points" else ""
+    if not differing:
+        return replace(guess, mapping=mapping, ways=ways)
+    doubt = f"the files' names differ also in {differing}: rows of the same number are assumed to be the same pose in "
+    doubt += "all files (else: an entry for each kind of file, with an offset of its poses)"
+    return replace(guess, mapping=mapping, ways=ways, doubts=(*guess.doubts, doubt))
 
 
 def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> MappingKeys:
