@@ -266,6 +266,18 @@ def test_every_position_error_of_the_diagnosis_is_among_the_similar_quantities()
     assert [row[3] for row in section.listings[0].rows if "rms distance" in row[1]] == expected
 
 
+def test_rigid_fits_of_bodies_are_among_the_similar_quantities() -> None:
+    sizes = {"none": 9.68, "linear": 6.99}
+    rows = [("rms_error", None, model, size, "um", "receiver") for model, size in sizes.items()]
+    errors = pd.DataFrame(rows, columns=["figure", "leg", "model", "value", "unit", "subject"])
+    section = alike({"deformation_errors": errors})
+    assert section is not None
+    assert [(row[1].split(", ")[0], row[3]) for row in section.listings[0].rows] == [
+        ("residuals of rigid fits of receiver", "9.68 µm"),
+        ("residuals of rigid fits of receiver", "6.99 µm"),
+    ]
+
+
 def test_the_error_of_the_nominal_geometry_is_among_the_similar_quantities() -> None:
     prediction = pd.DataFrame(
         {"role": ["calibration", "verification"], "rms_nominal": [40.0, 502.0], "rms_after": [2.0, 3.0], "unit": "um"}

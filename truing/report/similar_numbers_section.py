@@ -31,6 +31,7 @@ _Row = tuple[str, str, str, str]
 _ERRORS = "Errors: each row is a different quantity, so the values need not agree"
 _SHAPES = "K by three estimates of one quantity: from different data, or with different free parameters"
 _DEFORMATION = {"none": "without a model", "linear": "after the linear model", "matrix": "after the matrix model"}
+_OF_BODY = {"none": "without a model", "linear": "after a model linear in the drives"}
 _OF_BENCH = {"none": "without a model", "linear": "after a diagonal compliance", "matrix": "after a full compliance"}
 _ESTIMATES = (
     Head("entry", "Entry of K: attachment that shifts, then actuator that moves it."),
@@ -98,8 +99,13 @@ def _deformation(tables: Tables) -> Iterator[_Row]:
     if errors is None:
         return
     subject = errors["subject"] if "subject" in errors else errors["leg"]
-    rows = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & subject.isna()]
     bench = is_bench(tables)
+    is_whole = errors["figure"].eq("rms_error") & errors["leg"].isna()
+    for row in errors.assign(body=subject)[is_whole & subject.notna() & (not bench)].itertuples():
+        words = _OF_BODY.get(str(row.model), f"after model {row.model}")
+        compared_quantity = f"residuals of rigid fits of {row.body}, rms, {words}"
+        yield ("Deformation", compared_quantity, "all poses", quantity(float(str(row.value)), str(row.unit)))
+    rows = errors[is_whole & subject.isna()]
     compared_quantity = "motion of the platform under load, rms" if bench else "shift of the attachments along z, rms"
     for row in rows.itertuples():
         words = (_OF_BENCH if bench else _DEFORMATION).get(str(row.model), f"after model {row.model}")
