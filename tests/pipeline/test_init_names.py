@@ -184,6 +184,18 @@ def test_the_format_of_a_time_reads_it(text: str) -> None:
     assert bool(found.doubt) == (text == "10:00:05")  # a time without a date
 
 
+@pytest.mark.parametrize(("words", "coverage"), [("(1s)", None), ("(2s)", 2.0), ("1 sigma", None)])
+def test_multiples_of_sigma_behind_the_name_of_an_uncertainty_are_its_factor(
+    tmp_path: Path, words: str, coverage: float | None
+) -> None:
+    head = ",".join(["Id", *(f"{a} (mm)" for a in "XYZ"), *(f"U{a} {words} (mm)" for a in "xyz")])
+    (tmp_path / "points.csv").write_text(f"{head}\n1,1,2,3,4,5,6\n")
+    _, document = init(tmp_path)
+    (entry,) = document["files"].values()
+    assert [entry["columns"][f"sigma_{a}_mm"] for a in "xyz"] == [f"U{a} {words} (mm)" for a in "xyz"]
+    assert entry.get("coverage") == (None if coverage is None else pytest.approx(coverage, rel=0.05))
+
+
 def test_precisions_of_coordinates_are_sigmas(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("Id,X (mm),Y (mm),Z (mm),X Precision,Y Precision,Z Precision\n1,1,2,3,4,5,6\n")
     _, document = init(tmp_path)
