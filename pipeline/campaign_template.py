@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -226,8 +227,14 @@ def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[
         yield from ("", "[measurement]")
         yield _commented_line('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")
     if any("euler_a_deg" in guess.mapping.get("columns", {}) for guess in guesses):
+        order = next((str(guess.poses["euler"]) for guess in guesses if "euler" in guess.poses), "")
+        remark = "capitals for rotating axes, xyz for fixed axes"
         yield from ("", "[poses]")
-        yield _commented_line('euler = "XYZ"', "needed: the order; capitals for rotating axes, xyz for fixed axes")
+        yield (
+            _remark(f"euler = {json.dumps(order)}", remark)
+            if order
+            else _commented_line('euler = "XYZ"', f"needed: the order; {remark}")
+        )
     if chain:
         yield from ("", *(_remark(line, remark) for line, remark in chain))
     elif legs := legs_of_table(guesses):
@@ -291,8 +298,10 @@ def _of_constants(constants: Mapping[str, object]) -> Iterator[str]:
         yield f'body = "{constants["body"]}" is a guess; all points are assumed to be on one rigid body'
     if "channel" in constants:
         yield f'channel = "{constants["channel"]}" is a guess; no file names the channel'
-    if "load_axis" in constants:
-        yield f'load_axis = "{constants["load_axis"]}", load = {constants.get("load")}, assumed to be without a load'
+    if "load_axis" in constants and "load" not in constants:
+        yield f'load_axis = "{constants["load_axis"]}" is a guess; no file names the component of the load'
+    elif "load_axis" in constants:
+        yield f'load_axis = "{constants["load_axis"]}", load = {constants["load"]}, assumed to be without a load'
     for name in ("run", "pose"):
         if name in constants:
             yield f"{name} = {constants[name]!r}, all rows are assumed to be one {name}".replace("'", '"')
@@ -308,7 +317,7 @@ def _of_units(mapping: MappingKeys, guess: Guess) -> Iterator[str]:
         names = _span([mapping["columns"][column] for column in columns])
         yield f"{words} of {names} is not known as a unit of this quantity (needed: units = {{ {columns[0]} = ... }})"
     for column, raw in mapping.get("columns", {}).items():
-        if column not in unread and (unit := _taken_unit(column, raw, mapping)):
+        if column not in unread and (unit := taken_unit(column, raw, mapping)):
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)
     common = _common_unit(mapping, guess)
     if common and "unit" not in guess.answered:
@@ -316,7 +325,7 @@ def _of_units(mapping: MappingKeys, guess: Guess) -> Iterator[str]:
     elif by_unit:
         words = ", ".join(f"{unit} for {_span(names)}" for unit, names in by_unit.items())
         given = mapping.get("columns", {}).items()
-        assumed = [column for column, raw in given if column not in unread and _taken_unit(column, raw, mapping)]
+        assumed = [column for column, raw in given if column not in unread and taken_unit(column, raw, mapping)]
         cure = (
             'unit = "in"' if set(assumed) <= {*COORDINATES, *COORDINATE_SIGMAS} else f"units = {{ {assumed[0]} = ... }}"
         )
@@ -330,7 +339,7 @@ def unread_units(mapping: MappingKeys) -> dict[str, str]:
     found = {}
     for column, raw in mapping.get("columns", {}).items():
         known = find_column(column)
-        if known is not None and isinstance(raw, str) and _taken_unit(column, raw, mapping, is_unread=True):
+        if known is not None and isinstance(raw, str) and taken_unit(column, raw, mapping, is_unread=True):
             found[column] = unread_unit(raw, known)
     return {column: words for column, words in found.items() if words is not None}
 
@@ -339,10 +348,10 @@ def assumed_unit(column: str, guess: Guess) -> str | None:
     """Assumed unit of a coordinate of a file; None if its unit is known, or there is no such column."""
     columns = guess.mapping.get("columns", {})
     common = _common_unit(guess.mapping, guess)
-    return common or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
+    return common or (taken_unit(column, columns[column], guess.mapping) if column in columns else None)
 
 
-def _taken_unit(column: str, raw: Any, mapping: MappingKeys, *, is_unread: bool = False) -> str | None:
+def taken_unit(column: str, raw: Any, mapping: MappingKeys, *, is_unread: bool = False) -> str | None:
     """Assumed unit of a raw column without a unit, or (``is_unread``) with any words as unit; None if it is known."""
     from truing.formats.units import bare_and_unit
 

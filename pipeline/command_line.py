@@ -101,7 +101,7 @@ def run(
 
     Example: truing run sample_data/telescope --from pose
 
-    Example: truing run campaigns/* --workers 4
+    Example: truing run sample_data/telescope sample_data/robot --workers 2
     """
     from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaigns
 
@@ -136,7 +136,7 @@ def watch(
     alone also shows quality checks and all verdicts. The command waits for files that are being written, and goes on
     after faults. It ends when the requirements are decided, or with Ctrl-C.
 
-    Example: truing watch my-campaign --interval 5
+    Example: truing watch sample_data/telescope --once
     """
     console = _console(quiet=quiet, verbose=verbose)
 
@@ -177,7 +177,7 @@ def check(campaigns: option.Campaigns, quiet: option.Quiet = False, json: option
 
     Writes nothing.
 
-    Example: truing check my-campaign
+    Example: truing check sample_data/telescope
     """
     from truing.pipeline.campaign_check import report_check
 
@@ -228,7 +228,7 @@ def predict(
 
     Writes CSV or, with --json, JSON to standard output, or the file --out (.csv or .parquet).
 
-    Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
+    Example: truing predict runs/telescope sample_data/telescope/configurations.csv --out predicted.csv
     """
 
     console = _console(quiet=quiet, json=json)
@@ -278,7 +278,7 @@ def design(
 
     Example: truing design sample_data/force-sensor --causes hysteresis,creep --out loads.csv
 
-    Example: truing design rotary-table --poses 60 --cycles 5 --out configurations.csv
+    Example: truing design my-axis --poses 60 --cycles 5 --out configurations.csv
     """
 
     console = _console(quiet=quiet, json=json)
@@ -361,7 +361,7 @@ def plan(
     (FILE), predicted standard deviations (FILE-targets, FILE-bodies), their dependence on the number of photographs
     (FILE-curve) and a page (FILE.html).
 
-    Example: truing plan my-campaign --wanted 0.01 --distance 500,1500 --out stations.csv
+    Example: truing plan sample_data/telescope-images --wanted 0.01 --out stations.csv
     """
 
     console = _console(quiet=quiet, json=json)

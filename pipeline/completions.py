@@ -18,7 +18,17 @@ ROBOT = "urdf"  # not by default, because only a chain has one
 ALL_FORMS = (*FORMS, CERTIFICATE, ROBOT)
 ANSWERS = (
     *("unit=mm", "unit=m", "unit=um", "unit=in", "decimal=,", "decimal=.", "table=targets", "table=points"),
-    *("rotation=vector", "rotation=euler", "coverage=1", "coverage=2", "numbers=poses", "numbers=bodies"),
+    *(
+        "rotation=vector",
+        "rotation=euler",
+        "euler=XYZ",
+        "euler=ZYX",
+        "approach=+",
+        "coverage=1",
+        "coverage=2",
+        "numbers=poses",
+        "numbers=bodies",
+    ),
     *(
         "numbers=targets",
         "words=bodies",

@@ -17,6 +17,7 @@ from truing.formats.guess import MappingKeys
 from truing.formats.source import OF_IMAGES
 from truing.pipeline.campaign_folder import FILE, suggested_folder
 from truing.pipeline.console import RunConsole
+from truing.pipeline.init_bodies_of_legs import with_renamed_bodies
 from truing.pipeline.init_commanded_poses import without_commanded_poses
 from truing.pipeline.init_entries import (
     RawGroup,
@@ -26,6 +27,7 @@ from truing.pipeline.init_entries import (
     glob_without_others,
     is_picture,
     network_tables,
+    numbers_beside,
     photograph_entries,
     scanned_body,
 )
@@ -48,6 +50,7 @@ from truing.pipeline.init_robot import (
     with_reflector,
 )
 from truing.pipeline.init_rows import next_steps
+from truing.pipeline.init_run_columns import with_run_columns
 from truing.pipeline.init_runs import with_runs_apart
 from truing.pipeline.init_separate_loads import with_loads_apart
 from truing.pipeline.init_separate_readings import with_measured_apart
@@ -145,7 +148,7 @@ def init_campaign(
 
 def _read_together(folder: Path, guesses: list[_File], robot: Robot | None) -> list[_File]:
     """Return the guesses of files as their names, the other files and the robot's description complete them."""
-    guesses = without_commanded_poses(guesses)
+    guesses = with_run_columns(folder, without_commanded_poses(guesses))
     guesses = with_measured_apart(folder, with_loads_apart(folder, with_loads_once(folder, guesses)))
     guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
     guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
@@ -160,6 +163,7 @@ def _read_together(folder: Path, guesses: list[_File], robot: Robot | None) -> l
     guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
     guesses = with_prefixed_survey(folder, guesses)
     guesses = [(group, changed) for (group, _), changed in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
+    guesses = with_renamed_bodies(folder, guesses)
     named = with_bodies_of_legs([guess for _, guess in guesses])
     return [(group, changed) for (group, _), changed in zip(guesses, named, strict=True)]
 
@@ -208,7 +212,13 @@ def _with_keys_of_names(guesses: list[_File]) -> list[_File]:
 
 def _with_keys(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> Guess:
     ways = tuple(replace(way, guess=_with_keys(group, way.guess, tables)) for way in guess.ways)
-    return replace(guess, mapping=_whole_mapping(group, guess, tables), ways=ways)
+    mapping = _whole_mapping(group, guess, tables)
+    differing = numbers_beside(group.names, mapping.get("from_name", "")) if guess.table == "points" else ""
+    if not differing:
+        return replace(guess, mapping=mapping, ways=ways)
+    doubt = f"the files' names differ also in {differing}: rows of the same number are assumed to be the same pose in "
+    doubt += "all files (else: an entry for each kind of file, with an offset of its poses)"
+    return replace(guess, mapping=mapping, ways=ways, doubts=(*guess.doubts, doubt))
 
 
 def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> MappingKeys:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _TOKEN = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
 _WORD = re.compile(r"[^\W_]+")
+_WORD_AND_NUMBER = re.compile(r"([^\W\d_]+)_?(\d+)")
+_ENDING = re.compile(r"[^\W\d_]*\.\w+$")
 _SCAN_WORDS = {
     "pose",
     "scan",
@@ -136,6 +138,17 @@ def bodies_and_targets(names: Sequence[str]) -> MappingKeys:
     matches = [match.groupdict() for name in names if (match := re.search(expression, name))]
     single = len(matches) == len(names) and len({tuple(groups.items()) for groups in matches}) == len(names)
     return {"from_name": expression} if single else {}
+
+
+def numbers_beside(names: Sequence[str], expression: str) -> str:
+    """Words with numbers in which names differ next to the target that ``expression`` takes from them, such as
+    ``step 5, step 10`` of ``step_5deg`` and ``step_10deg``; empty without such."""
+    if "(?P<target>" not in expression or "(?P<pose>" in expression:
+        return ""
+    rests = [_ENDING.sub("", name[match.end("target") :]) for name in names if (match := re.search(expression, name))]
+    numbered = [_WORD_AND_NUMBER.findall(rest) for rest in rests]
+    found = dict.fromkeys(pair for pairs in numbered for pair in pairs)
+    return ", ".join(" ".join(pair) for pair in found if not all(pair in pairs for pairs in numbered))
 
 
 def _one_body(names: Sequence[str]) -> str | None:

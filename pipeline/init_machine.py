@@ -21,7 +21,7 @@ OF_ANY_CHAIN = (
 )
 _BODIES_OF_LEGS = {
     "base": r"(base|basis|bottom|lower|fixed|ground|gestell|fest|unten|sockel|socle)(?![^\W\d_])",
-    "platform": r"(platform|plattform|plate-?forme|moving|upper|top|oben|mobile?|nacelle)(?![^\W\d_])",
+    "platform": r"(platform|plattform|plate-?forme|plate|platte|moving|upper|top|oben|mobile?|nacelle)(?![^\W\d_])",
 }
 _JOINT = re.compile(r"(?!(?:command|motor|load|measured|deviation|temperature|rho\d+)_)([^\W\d]\w*?)_(?:deg|rad|mm)")
 
@@ -138,17 +138,18 @@ def with_bodies_of_legs(guesses: Sequence[Guess]) -> list[Guess]:
     """
     named = [(guess.mapping.get("constants") or {}).get("body") for guess in guesses]
     is_machine = sum("legs" in guess.machine for guess in guesses) == 1
-    bodies = {
-        body: next((name for name, words in _BODIES_OF_LEGS.items() if re.match(words, str(body), re.I)), None)
-        for body in named
-        if body is not None
-    }
+    bodies = {body: body_of_legs(str(body)) for body in named if body is not None}
     if not is_machine or len(bodies) != len(_BODIES_OF_LEGS) or set(bodies.values()) != set(_BODIES_OF_LEGS):
         return list(guesses)
     return [
         guess if body is None else replace(guess, mapping=_of_body(guess.mapping, str(bodies[body])))
         for guess, body in zip(guesses, named, strict=True)
     ]
+
+
+def body_of_legs(name: str) -> str | None:
+    """Body of a machine on legs, base or platform, by the first word of another name for it; else None."""
+    return next((body for body, words in _BODIES_OF_LEGS.items() if re.match(words, name, re.IGNORECASE)), None)
 
 
 def _of_body(mapping: MappingKeys, body: str) -> MappingKeys:

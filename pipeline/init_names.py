@@ -26,8 +26,10 @@ _BETWEEN = r"[\s_.\-#]*"
 _OF_GROUPS = (  # Base_pose01, pose01 Base, Base 1
     rf"(?P<body>.*?){_BETWEEN}{_WORD}{_BETWEEN}(?P<pose>\d+)",
     rf"{_WORD}{_BETWEEN}(?P<pose>\d+)[\s_.\-]+(?P<body>.*[^\W\d].*)",
+    r"(?P<body>.*[^\W\d])[\s_.\-#]+[pm](?P<pose>\d+)",  # Base_P01
     rf"(?P<body>.*[^\W\d]){_BETWEEN}(?P<pose>\d+)",
 )
+_WITHOUT_WORD = _OF_GROUPS[-2:]  # numbers that may be those of bodies
 _OF_TARGETS = (  # P3_base12, P003_1, base12_P3
     r"[^\W\d]*?(?P<pose>\d+)[\s_.\-]+(?P<target>.*[^\W\d].*)",
     r"[^\W\d]*?(?P<pose>\d+)[\s_.\-]+(?P<target>\d+)",
@@ -105,9 +107,9 @@ def _by_groups(guess: Guess, rows: SurveyRows) -> Guess:
     doubt = f"numbers in groups such as {rows.bodies[0]} are assumed to be poses"
     question = f"{rows.bodies[0]}: its number is that of the pose, or part of the name of the body"
     as_poses = replace(guess, table="points", mapping=keys, notes=(*guess.notes, note))
-    if best.pattern != _OF_GROUPS[-1]:  # the names say pose, and distances agree
+    if best.pattern not in _WITHOUT_WORD:  # the names say pose, and distances agree
         return as_poses
-    if best.pattern == _OF_GROUPS[-1] and len(set(best.bodies)) == 1:  # leg1, leg2, ...: bodies of the same shape
+    if len(set(best.bodies)) == 1:  # leg1, leg2, ...: bodies of the same shape
         doubt = f"numbers in groups such as {rows.bodies[0]} are assumed to name bodies"
         return replace(guess, ways=(*guess.ways, OtherWay("numbers", question, "bodies", "poses", as_poses, doubt)))
     return replace(as_poses, ways=(*guess.ways, OtherWay("numbers", question, "poses", "bodies", guess, doubt)))

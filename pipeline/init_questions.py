@@ -9,13 +9,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pydantic import ValidationError
+
 from truing.formats.guess import MappingKeys
 from truing.formats.raw_tables import COORDINATES
 from truing.formats.units import UnknownUnit, conversion, dimension
-from truing.pipeline.campaign_template import assumed_unit, has_open_rotation, unread_units
+from truing.pipeline.campaign_template import assumed_unit, has_open_rotation, taken_unit, unread_units
 from truing.schemas.columns import find_column
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
+from truing.schemas.sections import MeasuredPoses
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
@@ -52,6 +55,8 @@ _KEYS = (
         "table",
         "unit",
         "rotation",
+        "euler",
+        "approach",
     ),
     "coverage",
     *_CONSTANTS,
@@ -78,6 +83,8 @@ class Question:
             except UnknownUnit:
                 return "a unit of length, such as mm, m, um or in"
             return None
+        if self.key == "euler":
+            return _fault_of_order(answer)
         if self.key.startswith(_UNIT_OF):
             return _fault_of_unit(answer, self.key.removeprefix(_UNIT_OF))
         if self.key in ("coverage", "load"):
@@ -191,10 +198,16 @@ def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
     if (unit := _open_unit(guess)) is not None:
         yield Question("unit", "Unit of the coordinates, which the file does not give; it scales all lengths", unit)
     yield from _of_unread_units(mapping)
+    for of, (taken, columns) in _without_units(mapping).items():
+        names = ", ".join(str(mapping["columns"][column]) for column in columns)
+        yield Question(f"{_UNIT_OF}{of}", f"Unit of {names}, which the file does not give", taken)
     if has_open_rotation(mapping):
         yield Question(
             "rotation", "Three angles in rad: a rotation vector, or Euler angles", "vector", ("vector", "euler")
         )
+    if "euler_a_deg" in mapping.get("columns", {}) and not guess.poses:
+        text = "Order of the three Euler angles: XYZ about rotating axes, xyz about fixed axes, or other axes"
+        yield Question("euler", text, "")
     if "coverage" in mapping:
         text = "Coverage factor k of the uncertainties, which are divided by it; 1: one sigma"
         yield Question("coverage", text, f"{mapping['coverage']:g}")
@@ -229,9 +242,32 @@ def _of_unread_units(mapping: MappingKeys) -> Iterator[Question]:
         yield Question(f"{_UNIT_OF}{of}", f"Unit of {', '.join(names)}, whose heads name no known unit of {of}", "")
 
 
+def _without_units(mapping: MappingKeys) -> dict[str, tuple[str, list[str]]]:
+    """Assumed unit and columns of forces and torques whose names give no unit, by their dimension.
+
+    A unit of loads scales a calibration; that of signals is only one of its numbers, so it is not asked.
+    """
+    found: dict[str, tuple[str, list[str]]] = {}
+    unread = unread_units(mapping)
+    for column, raw in mapping.get("columns", {}).items():
+        of = _dimension(column)
+        if of in ("force", "torque") and column not in unread and (unit := taken_unit(column, raw, mapping)):
+            found.setdefault(of, (unit, []))[1].append(column)
+    return found
+
+
 def _dimension(column: str) -> str:
     known = find_column(column)
     return dimension(known.unit) if known is not None and known.unit else ""
+
+
+def _fault_of_order(answer: str) -> str | None:
+    """Expected form of an answer for the order of Euler angles; None if it is valid."""
+    try:
+        MeasuredPoses(euler=answer)
+    except ValidationError:
+        return "three axes, neighbours different, such as XYZ, zyx or ZXZ"
+    return None
 
 
 def _fault_of_unit(answer: str, of: str) -> str | None:
@@ -254,9 +290,13 @@ def _answered(guess: Guess, key: str, answer: str) -> Guess:
     if key == "table":
         return _one_target(guess) if answer == "poses" else guess if answer == guess.table else _one_pose(guess)
     if key.startswith(_UNIT_OF):
-        columns = [c for c in unread_units(guess.mapping) if _dimension(c) == key.removeprefix(_UNIT_OF)]
+        of = key.removeprefix(_UNIT_OF)
+        columns = [column for column in unread_units(guess.mapping) if _dimension(column) == of]
+        columns += _without_units(guess.mapping).get(of, ("", []))[1]
         units = {**guess.mapping.get("units", {}), **dict.fromkeys(columns, answer)}
         return replace(guess, mapping={**guess.mapping, "units": units})
+    if key == "euler":
+        return replace(guess, poses={"euler": answer})
     if key == "rotation":
         return _with_angles(guess, {name: name for name in _EULER} if answer == "vector" else _EULER)
     if key in _CONSTANTS:

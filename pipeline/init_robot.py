@@ -21,6 +21,7 @@ SUFFIX = ".urdf"
 _LONG = 20  # lines
 _NUMBERED = re.compile(r"joint(\d+)_deg")
 TIP = "tip"  # last link of a chain without a description
+_JOINT_ANGLE = re.compile(r"(joint\d+|\w+_joint)_(?:deg|rad)")
 _NUMBERED_JOINT = re.compile(r"joint1_|\w+_joint_")
 
 
@@ -149,14 +150,14 @@ def _is_long(path: Path) -> bool:
 
 def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tuple[str, str]]:
     """Yield lines and remarks of [mechanism] for a chain whose joints a file gives; none for other campaigns."""
-    numbered = any("joint1_rad" in columns_of(guess) or "joint1_deg" in columns_of(guess) for guess in guesses)
+    joints = _logged_joints(guesses)
     if robot is None and (table := of_table(guesses)) is not None:
         yield from rows_of_table(table, guesses)
         return
     if robot is None and (slides := slides_of_log(guesses)):
         yield from slides
         return
-    if robot is None and not numbered:
+    if robot is None and not joints:
         return
     mark = "" if robot is not None and has_joints(robot, guesses) else "# "
     yield f"{mark}[mechanism]", "needed: the chain of joints" if mark else ""
@@ -165,12 +166,19 @@ def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tupl
         yield '# urdf = "robot.urdf"', "needed: the robot's description; better: add the file, and truing init again"
         yield "# dh = [", "or: rows of Denavit and Hartenberg, one per joint; the last link is tip"
         yield '#   { a_mm = 0.0, alpha_deg = 90.0, d_mm = 400.0, theta_deg = 0.0, convention = "standard" },', ""
-        yield "# ]", ""
+        are_named = joints[0] != "joint1"  # else their numbers give the order
+        yield "# ]", f"and joints = {json.dumps(joints, ensure_ascii=False)}" if are_named else ""
     else:
         yield f"{mark}urdf = {json.dumps(robot.file, ensure_ascii=False)}", ""
         yield f"{mark}tip = {json.dumps(robot.tip, ensure_ascii=False)}", ""
         yield f"{mark}joints = {json.dumps(list(robot.joints), ensure_ascii=False)}", ""
     yield from OF_ANY_CHAIN
+
+
+def _logged_joints(guesses: Sequence[Guess]) -> list[str]:
+    """Names of the revolute joints that a log gives, in the order of its columns."""
+    columns = [column for guess in guesses if guess.table == "configurations" for column in columns_of(guess)]
+    return list(dict.fromkeys(match[1] for column in columns if (match := _JOINT_ANGLE.fullmatch(column))))
 
 
 def needs_description(robot: Robot | None, guesses: Sequence[Guess]) -> bool:

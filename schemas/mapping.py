@@ -263,6 +263,11 @@ class FileMapping(Section):
     comment: RawText | None = Field(None, description="lines that begin with this text are skipped")
     skip_lines: int = Field(0, ge=0, description="number of lines to skip at the top")
     keep_lines: Pattern | None = Field(None, description="regular expression for the lines to read")
+    heads: GroupPattern | None = Field(
+        None,
+        description="regular expression for lines above blocks of rows, such as `EPOCH 3`: its named groups are "
+        "columns of the rows below",
+    )
     columns: dict[Name, Source] = Field(
         default_factory=dict,
         description="column = raw name, or position from 1, or a table with the name and the meaning of its numbers",

@@ -38,7 +38,9 @@ def why_no_diagnosis_of_approaches(positions: pa.Table) -> str:
     """Reason why the approaches (positions.parquet) allow no diagnosis; else empty."""
     runs = dict.fromkeys(map(str, positions.column("run").to_pylist()))
     if len(runs) > 1:
-        return f"needs one run, the same axis throughout, found {len(runs)}: give each a campaign of its own"
+        first = next(iter(runs))
+        own = f'give each a campaign of its own, by select = {{ run = "{first}" }} in [files.positioning]'
+        return f"needs one run, the same axis throughout, found {len(runs)}: {own}"
     targets, _, cycles = _deviations(positions).shape
     if (freedom := _freedom(targets, cycles)) < _FEWEST_FREEDOM:
         return (

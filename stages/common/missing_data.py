@@ -67,10 +67,16 @@ def why_no_deformation_of_loads(readings: pa.Table | None) -> str:
     return "every run is for verification, so none may be fitted" if _are_all_held_out(readings) else ""
 
 
+_OF_PREDICTIONS = {
+    "survey": "the survey of the targets in the frames of base and platform, to which the legs refer (targets.csv)",
+    "configurations": "the actuators' readings (configurations)",
+}
+
+
 def why_no_diagnosis_of_mechanism(mechanism: Any, point_mm: float | None, tables: Mapping[str, pa.Table]) -> str:
     """Reason why points cannot be compared with the prediction from readings; else empty."""
-    if "survey" not in tables or "configurations" not in tables:
-        return "needs the survey of the targets and the actuator readings"
+    if lacking := [words for name, words in _OF_PREDICTIONS.items() if name not in tables]:
+        return f"needs {' and '.join(lacking)}"
     if len(mechanism.legs) < _LEAST_LEGS:
         return "fewer than six legs do not constrain the platform, so readings give no pose"
     return "" if point_mm is not None else "needs noise.point_mm"

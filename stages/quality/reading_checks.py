@@ -227,13 +227,14 @@ def run_zeros(view: LoadingView) -> Iterator[Check]:
             yield not_evaluated("zeros of runs", "run-zeros", name, "no run begins without load")
             continue
         spread, noise = float(np.sqrt(np.nanmean(zero**2))), float(np.sqrt(2.0) * sigma[k] * channel.in_files)
-        text = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; the noise is {noise:.2g} {unit}."
+        text = f"{channel.name}: runs begin {spread:.2g} {unit} (rms) from zero; "
+        text += f"noise of two readings makes {noise:.2g} {unit}."
         if zeros.has_wrong_zero[k]:
             order = np.argsort(-np.abs(np.nan_to_num(zero)))[: max(int(zeros.far[:, k].sum()), 1)]
             texts = [f"{view.run_name(int(run))} {zero[run]:+.3g} {unit}" for run in order]
             text += f" Largest: {listed(texts)}. Was it set to zero before each run?"
             text += " Each is treated as relative to its own zero."
-        yield Check("run-zeros", name, spread, noise, unit, WARN if zeros.has_wrong_zero[k] else PASS, text)
+        yield Check("run-zeros", name, spread, None, unit, WARN if zeros.has_wrong_zero[k] else PASS, text)
 
 
 def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:

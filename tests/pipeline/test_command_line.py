@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -279,3 +280,20 @@ def test_every_answer_that_is_completed_is_one_of_init() -> None:
 def test_lines_of_the_list_of_commands_are_not_cut() -> None:
     shown = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80"}).output
     assert "..." not in shown.partition("Commands:")[2]
+
+
+def test_examples_of_the_help_texts_run_in_the_folder_of_the_project() -> None:
+    """Paths of an example are there, are results of a run, or begin with ``my-`` and are the reader's own."""
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    examples = [
+        shlex.split(" ".join(text.split()))
+        for command in commands.values()
+        for text in re.findall(r"Example: truing (.+?)(?=\n\s*\n|\Z)", command.help or "", re.DOTALL)
+    ]
+    assert len(examples) >= len(commands)
+    for name, *words in examples:
+        values = {words[k + 1] for k, word in enumerate(words[:-1]) if word.startswith("-")}
+        paths = [word for word in words if not word.startswith("-") and word not in values]
+        assert name in commands
+        for path in paths:
+            assert (SAMPLES.parent / path).exists() or path.startswith(("runs/", "my-")), (name, path)

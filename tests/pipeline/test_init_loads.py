@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init
 from tests.sentences import assert_says
@@ -13,6 +15,7 @@ from tests.stages.line import run_line
 from truing.formats.raw_tables import WRENCH
 from truing.pipeline.campaign_check import check_campaign
 from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.command_line import app
 
 LOADS = np.vstack([np.zeros((2, 6)), np.kron(np.eye(6), [[10.0], [-10.0]])])
 SIGNALS = (LOADS @ np.random.default_rng(2).normal(size=(6, 6)) * 1e-2).round(6)
@@ -90,3 +93,16 @@ def test_load_steps_that_all_have_signals_pass(tmp_path: Path) -> None:
     qa = run_line(folder, "ingest", "qa")[0]["qa"].to_pandas().set_index("check")
     assert qa.loc["steps-without-signals", "verdict"] == "pass"
     assert not any("no signal" in one for one in check_campaign(open_campaign(folder)).attention)
+
+
+def test_forces_without_a_unit_are_asked_and_read_by_the_answer(tmp_path: Path) -> None:
+    """Weights in gram-force next to raw counts: newtons are a guess."""
+    rows = [",".join(map(str, (151 * (k % 3), 151 * (k % 2), 0, 1000 + k, 2000 - k, 3000))) for k in range(9)]
+    (tmp_path / "cell.csv").write_text("\n".join(["force_x,force_y,force_z,sensor_x,sensor_y,sensor_z", *rows, ""]))
+    done = CliRunner().invoke(app, ["init", str(tmp_path), "--answer", "unit_of_force=gf"])
+    assert done.exit_code == 0, done.output
+    units = tomllib.loads((tmp_path / "campaign.toml").read_text())["files"]["signals"]["units"]
+    assert units == dict.fromkeys(("fx_n", "fy_n", "fz_n"), "gf")
+    (tmp_path / "campaign.toml").unlink()
+    open_points = CliRunner().invoke(app, ["init", str(tmp_path)]).output
+    assert "Unit of force_x, force_y, force_z, which the file does not give: taken as N" in open_points

@@ -45,6 +45,7 @@ def written(folder: Path, head: str, name: Callable[[int, str, int], str], own: 
         ("Group,Target,X,Y,Z", lambda k, b, n: f"{b}_pose{k:02d},p{n}", "p{n}"),
         ("Group,Target,X,Y,Z", lambda k, b, n: f"Pose {k} {b},p{n}", "p{n}"),
         ("Group,Target,X,Y,Z", lambda k, b, n: f"{b} {k},p{n}", "p{n}"),
+        ("Group,Target,X,Y,Z", lambda k, b, n: f"{b}_P{k:02d},p{n}", "p{n}"),
         ("Collection::Group::Point,X,Y,Z", lambda k, b, n: f"A::{b} {k}::p{n}", "p{n}"),
         ("Group,Point,X,Y,Z", lambda k, b, n: f"Pose_{k},{b}{n}", "{b}{n}"),
         ("Piece,Name,Meas X,Meas Y,Meas Z", lambda k, b, n: f"{k},{b}_{n}", "{b}_{n}"),
@@ -65,6 +66,24 @@ def test_names_with_poses_and_bodies_are_taken_apart(
     np.testing.assert_array_equal(numbers(found, "x_mm", "y_mm", "z_mm"), [place for *_, place in own])
     assert "# check:" in (tmp_path / "campaign.toml").read_text()
     assert "pose" in text
+
+
+def test_bodies_next_to_readings_of_legs_are_base_and_platform(tmp_path: Path) -> None:
+    written(tmp_path, "Group,Target,X,Y,Z", lambda k, b, n: f"{b.upper()}_P{k:02d},p{n}", rows())
+    readings = [",".join([str(k), *(f"{10.0 + leg + 0.1 * k}" for leg in range(6))]) for k in range(1, 6)]
+    (tmp_path / "log.csv").write_text(
+        "\n".join(["Pose,L1 [mm],L2 [mm],L3 [mm],L4 [mm],L5 [mm],L6 [mm]", *readings, ""])
+    )
+    _, document = init(tmp_path)
+    bodies = table(tmp_path, document, POINTS).table.column("body").to_pylist()
+    assert bodies == ["base" if body == "base" else "platform" for _, body, *_ in rows()]
+    assert "PLATE is taken for platform" in (tmp_path / "campaign.toml").read_text()
+
+
+def test_bodies_without_readings_of_legs_keep_their_names(tmp_path: Path) -> None:
+    written(tmp_path, "Group,Target,X,Y,Z", lambda k, b, n: f"{b.upper()}_P{k:02d},p{n}", rows())
+    _, document = init(tmp_path)
+    assert set(table(tmp_path, document, POINTS).table.column("body").to_pylist()) == {"BASE", "PLATE"}
 
 
 def test_numbered_bodies_of_other_shapes_stay_bodies(tmp_path: Path) -> None:
@@ -163,6 +182,18 @@ def test_the_format_of_a_time_reads_it(text: str) -> None:
     assert found is not None
     assert time_format_of([text, "soon"]) is None
     assert bool(found.doubt) == (text == "10:00:05")  # a time without a date
+
+
+@pytest.mark.parametrize(("words", "coverage"), [("(1s)", None), ("(2s)", 2.0), ("1 sigma", None)])
+def test_multiples_of_sigma_behind_the_name_of_an_uncertainty_are_its_factor(
+    tmp_path: Path, words: str, coverage: float | None
+) -> None:
+    head = ",".join(["Id", *(f"{a} (mm)" for a in "XYZ"), *(f"U{a} {words} (mm)" for a in "xyz")])
+    (tmp_path / "points.csv").write_text(f"{head}\n1,1,2,3,4,5,6\n")
+    _, document = init(tmp_path)
+    (entry,) = document["files"].values()
+    assert [entry["columns"][f"sigma_{a}_mm"] for a in "xyz"] == [f"U{a} {words} (mm)" for a in "xyz"]
+    assert entry.get("coverage") == (None if coverage is None else pytest.approx(coverage, rel=0.05))
 
 
 def test_precisions_of_coordinates_are_sigmas(tmp_path: Path) -> None:

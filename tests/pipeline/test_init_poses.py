@@ -87,3 +87,32 @@ def test_poses_as_commanded_are_not_read_as_measured_ones(tmp_path: Path) -> Non
     assert document["files"]["poses"]["path"] == "TMAC_ist.csv"
     assert "KRC_soll.csv: poses as commanded (soll)" in done.stdout
     assert "export the joints of each pose" in done.stdout
+
+
+def test_standard_deviations_next_to_poses_are_no_poses_and_readings_in_their_rows_are_joints(tmp_path: Path) -> None:
+    """A robot's table with commanded poses, joints in rad without a unit, and measured poses with deviations."""
+    axes = ("x", "y", "z", "rx", "ry", "rz")
+    joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    names = [f"Goal {axis}" for axis in ("x", "y", "z", "roll", "pitch", "yaw")]
+    names += [f"{joint}_joint" for joint in joints]
+    names += [*(f"measurement_{axis}" for axis in axes), *(f"measurement_std_{axis}" for axis in axes)]
+    values = np.hstack(
+        [
+            RNG.uniform(-1.0, 1.0, (9, 6)),
+            RNG.uniform(-3.0, 3.0, (9, 6)),
+            RNG.uniform(-900.0, 900.0, (9, 3)),
+            RNG.uniform(-170.0, 170.0, (9, 3)),
+            RNG.uniform(0.001, 0.009, (9, 6)),
+        ]
+    ).round(6)
+    text = "\n".join([";".join(names), *(";".join(map(str, row)) for row in values)]).replace(".", ",")
+    (tmp_path / "poses.csv").write_text(text + "\n")
+    printed, document = init(tmp_path)
+    assert isinstance(document["files"]["poses"], dict)  # one entry: deviations are no second body
+    columns = document["files"]["poses"]["columns"]
+    assert [columns[f"sigma_{axis}_mm"] for axis in "xyz"] == [f"measurement_std_{axis}" for axis in "xyz"]
+    logged = document["files"]["configurations"]["columns"]
+    assert [logged[f"{joint}_joint_rad"] for joint in joints] == [f"{joint}_joint" for joint in joints]
+    assert document["measurement"] == {"frame": "campaign"}
+    assert "needed: a description of the robot" in printed
+    assert 'joints = ["shoulder_pan_joint", ' in (tmp_path / "campaign.toml").read_text()

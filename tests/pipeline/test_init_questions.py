@@ -23,7 +23,7 @@ from truing.pipeline.campaign_template import MARK, assumed_unit
 from truing.pipeline.command_line import app
 from truing.pipeline.console import RunConsole
 from truing.pipeline.init_campaign import init_campaign
-from truing.pipeline.init_questions import Question
+from truing.pipeline.init_questions import Question, parsed_answers
 from truing.schemas.campaign import read_campaign
 
 COMMAS = "Punkt;X;Y;Z\nP1;1,234;12,345;100,001\nP2;2,234;13,345;200,001\nP3;3,234;15,345;300,001\n"
@@ -115,6 +115,27 @@ def test_three_angles_can_be_euler_angles(folder: Path) -> None:
     head, row = shown(done.output)[:2]
     assert float(row[head.index("euler_a_deg")]) == pytest.approx(63.0253575, abs=1e-6)  # 1.1 rad
     assert "needed: the order" in (folder / "campaign.toml").read_text()
+
+
+def test_the_order_of_euler_angles_is_asked_and_written(folder: Path) -> None:
+    (folder / "list.csv").write_text(ANGLES)
+    done = init(folder, "rotation=euler", "unit=mm", "body=tool", "euler=ZYX")
+    assert done.exit_code == 0, done.output
+    assert tomllib.loads((folder / "campaign.toml").read_text())["poses"] == {"euler": "ZYX"}
+
+
+def test_an_order_about_the_same_axis_twice_is_no_answer(folder: Path) -> None:
+    (folder / "list.csv").write_text(ANGLES)
+    assert init(folder, "rotation=euler", "euler=XXZ").exit_code == 2
+    assert not (folder / "campaign.toml").exists()
+
+
+def test_every_answer_of_the_documentation_is_known() -> None:
+    rows = re.findall(r"^\| (`.+?) \|", (Path(__file__).parents[2] / "docs/own-files.md").read_text(), re.MULTILINE)
+    answers = [answer for row in rows for answer in re.findall(r"`(\w+=[^`]+)`", row)]
+    assert len(answers) > 20
+    for answer in answers:
+        parsed_answers([answer])  # raises for a key that answers no question
 
 
 def test_the_last_line_repeats_the_same_answers(folder: Path) -> None:

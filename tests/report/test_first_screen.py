@@ -11,19 +11,21 @@ import pandas as pd
 import pytest
 
 from tests.report.bench_tables import bench_tables
+from tests.report.calibration_tables import calibration_tables
 from tests.report.campaign_tables import campaign_tables
 from tests.report.diagnosis_tables import diagnosis_tables
 from tests.report.test_page import ATTACKS, Reader, render, sections_of
 from truing.report.comments import with_comments
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
+from truing.report.diagnosis.gain import compared_calibrations
 from truing.report.diagnosis.next_steps import next_steps
-from truing.report.diagnosis.prediction_errors import errors_of_models
+from truing.report.diagnosis.prediction_errors import errors_of_models, root_mean_square
 from truing.report.first_screen import first_screen, sigma_of_rms
 from truing.report.measured_section import campaign_span
-from truing.report.numbers import plain
+from truing.report.numbers import plain, quantity
 from truing.report.page import CampaignFacts, Depth, RawFileFacts, ReportSection, all_of
-from truing.report.page_head import build_head
-from truing.report.rendering.render import render_page
+from truing.report.page_head import _positioning_tiles, build_head
+from truing.report.rendering.render import _with_fixed_spaces, render_page
 from truing.report.scene.machine_drawing import _placed_labels, machine_drawing
 from truing.report.section_verdict import verdict_rows
 from truing.report.sections import build_sections, section_names
@@ -248,6 +250,65 @@ def test_numbers_of_equal_name_are_distinguished_by_their_subject() -> None:
     assert section is not None
     keys = [(row[1], row[2], row[3].split()[-1]) for row in section.listings[0].rows]
     assert len(set(keys)) == len(keys)
+
+
+def test_every_position_error_of_the_diagnosis_is_among_the_similar_quantities() -> None:
+    tables = campaign_tables() | calibration_tables()
+    errors = compared_calibrations(tables)
+    section = alike(tables)
+    assert errors is not None
+    assert section is not None
+    held_out = errors[errors["role"] == "verification"]
+    expected = [
+        quantity(root_mean_square(own["position_error_um"]), "um") for _, own in held_out.groupby("called", sort=False)
+    ]
+    assert expected
+    assert [row[3] for row in section.listings[0].rows if "rms distance" in row[1]] == expected
+
+
+def test_rigid_fits_of_bodies_are_among_the_similar_quantities() -> None:
+    sizes = {"none": 9.68, "linear": 6.99}
+    rows = [("rms_error", None, model, size, "um", "receiver") for model, size in sizes.items()]
+    errors = pd.DataFrame(rows, columns=["figure", "leg", "model", "value", "unit", "subject"])
+    section = alike({"deformation_errors": errors})
+    assert section is not None
+    assert [(row[1].split(", ")[0], row[3]) for row in section.listings[0].rows] == [
+        ("residuals of rigid fits of receiver", "9.68 µm"),
+        ("residuals of rigid fits of receiver", "6.99 µm"),
+    ]
+
+
+def test_the_error_of_the_nominal_geometry_is_among_the_similar_quantities() -> None:
+    prediction = pd.DataFrame(
+        {"role": ["calibration", "verification"], "rms_nominal": [40.0, 502.0], "rms_after": [2.0, 3.0], "unit": "um"}
+    )
+    none = pd.DataFrame({"figure": "rms_error", "leg": [None], "model": "none", "value": [7.0], "unit": "um"})
+    section = alike({"prediction": prediction, "deformation_errors": none.assign(subject=None)})
+    assert section is not None
+    (row,) = (row for row in section.listings[0].rows if "nominal" in row[1])
+    assert row[2:] == ("held-out poses", "502 µm")
+
+
+def test_all_noise_floors_in_figures_are_that_of_the_first_screen() -> None:
+    tables = campaign_tables() | calibration_tables()
+    tables["accuracy"]["position_noise_um"] = 12.0
+    change = first_screen(tables, ABOUT).change
+    page = render(tables).replace("\u00a0", " ")
+    assert change is not None
+    assert "by noise alone, 12 µm" in page
+    assert set(re.findall(r"Dotted: noise floor(?: \(rms\))?, ([\d.]+ [µ\w]+)", page)) == {change.floor}
+
+
+def test_figures_of_a_positioned_axis_have_their_uncertainty() -> None:
+    figures = {"figure": ["A", "B"], "subject": [None, None], "value": [21.97, 4.49], "unit": ["um", "um"]}
+    positioning = pd.DataFrame({"run": ["x", "x"], **figures, "sigma": [2.9, 1.3]})
+    tiles = dict(_positioning_tiles({"positioning": positioning}))
+    assert tiles == {"accuracy A, x": "22.0 ± 2.9 µm", "reversal B, x": "4.5 ± 1.3 µm"}
+
+
+@pytest.mark.parametrize("unit", ["deg", "µm", "px", "mV", "K", "arcsec"])
+def test_no_line_ends_between_a_number_and_its_unit(unit: str) -> None:
+    assert " " not in _with_fixed_spaces(f"0.12 ± 0.03 {unit}")
 
 
 def test_measuring_stops_only_when_nothing_is_open() -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from truing.belonging.relation import RecordSlip, SlipKind
-from truing.report.belonging import slip_words
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
+from truing.report.belonging import message, slip_words
+from truing.report.numbers import quantity
 
 
 @pytest.mark.parametrize(
@@ -19,3 +20,8 @@ from truing.report.belonging import slip_words
 )
 def test_a_slip_of_whole_runs_is_one_of_their_readings(subjects: tuple[str, ...], words: str) -> None:
     assert slip_words(RecordSlip(SlipKind.UNIT, "reading", subjects)) == words
+
+
+def test_a_misfit_has_the_unit_of_the_columns_next_to_its_sentence() -> None:
+    tested = RelationTest("points-against-survey", RelationState.OK, "agrees", misfit=0.00992, limit=0.141, unit="mm")
+    assert f"(rms misfit {quantity(0.00992, 'mm')}, limit {quantity(0.141, 'mm')})" in message(tested)

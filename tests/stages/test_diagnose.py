@@ -274,10 +274,18 @@ def test_without_any_body_it_is_not_evaluated() -> None:
     assert "model" not in outcome.artifacts
 
 
-def test_without_survey_or_readings_it_is_not_evaluated() -> None:
+@pytest.mark.parametrize(
+    ("given", "lacking", "there"),
+    [((), ("targets.csv", "configurations"), ()), (("configurations",), ("targets.csv",), ("configurations",))],
+)
+def test_it_names_what_lacks_of_survey_and_readings(
+    given: tuple[str, ...], lacking: tuple[str, ...], there: tuple[str, ...]
+) -> None:
     document = tomllib.loads((SAMPLE / "campaign.toml").read_text(encoding="utf-8"))
-    outcome = diagnose.run({}, read_campaign(document), lambda *_: None)
-    assert outcome.why_not == "needs the survey of the targets and the actuator readings"
+    tables = {name: ARTIFACTS[name].empty() for name in given}
+    outcome = diagnose.run(tables, read_campaign(document), lambda *_: None)
+    assert all(words in outcome.why_not for words in lacking)
+    assert not any(words in outcome.why_not for words in there)
 
 
 def test_a_prediction_needs_readings_of_every_leg(linear: Diagnosed) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 
+from truing.formats.block_heads import BlockHeads
 from truing.formats.faultlog import CellFaults
 from truing.formats.numbers import Notation
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
@@ -32,14 +33,21 @@ _GROUPED = re.compile(Notation(",", " ").pattern + "|" + Notation(".", " ").patt
 def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Iterator[RawBatch]:
     """Yield the records of a text file; raises Unusable if it has none or cannot be split into records."""
     blocks = record_blocks(utf8_chunks(stream, entry.encoding), entry.quote.encode())
-    first = skip_lines(next(blocks, b""), entry.skip_lines)
+    whole = next(blocks, b"")
+    first = skip_lines(whole, entry.skip_lines)
     separator = separator_of(entry, first)
     lines = Lines.of(entry, separator)
+    added: tuple[str, ...] = ()
+    if lines.heads is not None:
+        heads = BlockHeads(lines.heads, separator, lines)
+        blocks, added = heads.applied(chain([whole], blocks)), heads.names
+        first = skip_lines(next(blocks, b""), entry.skip_lines)
     has_header = entry.header is not False
     heading, lines_below = take_record(first, lines.of_heading() if has_header else lines)
     if heading is None:
         raise Unusable("at least one record; there is none")
     names = column_names(heading, separator, entry)
+    names = (*names[: len(names) - len(added)], *added)
     kinds = wanted(names, None)
     if kinds is None:
         return

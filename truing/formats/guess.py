@@ -82,7 +82,8 @@ class Guess:
     others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
     reason. other_tables: proposals for further tables in the file. ways: other readings that are possible. answered:
     keys that are no guesses, because a person gave them. doubts: statements to confirm, next to those that the keys
-    imply. machine: keys of [mechanism], where the file holds nominal geometry.
+    imply. machine: keys of [mechanism], where the file holds nominal geometry. poses: keys of [poses] that a
+    person gave.
     """
 
     mapping: MappingKeys = field(default_factory=dict)
@@ -96,6 +97,7 @@ class Guess:
     answered: frozenset[str] = frozenset()
     doubts: tuple[str, ...] = ()
     machine: MappingKeys = field(default_factory=dict)
+    poses: MappingKeys = field(default_factory=dict)
 
 
 def metashape(lines: Sequence[str]) -> Guess | None:

@@ -17,7 +17,7 @@ from truing.formats.units import bare_and_unit, conversion, is_convertible
 _LOADED = {
     "run": r"run([ _]?(nr|no|id))?|lauf|versuch|test([ _]?(nr|no|id))?|essai",
     "step": r"step([ _]?(nr|no|id))?|(last)?stufe|schritt|load[ _]?step|palier",
-    "time_s": r"t|time|zeit|temps|timestamp",
+    "time_s": r"t|time|zeit|zeitstempel|temps|timestamp",
     "load_axis": r"load[ _]?(axis|direction)|axis|lastachse|lastrichtung|achse|axe",
     "load": r"(applied[ _]?)?(load|force)|(auf)?last|kraft|charge",
     "channel": r"channel|kanal|voie",

@@ -153,7 +153,7 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
     Commanded poses are no bodies.
     """
     plain = _without_words_of_parts(names)
-    groups = _groups(plain, _PLACES)
+    groups = _without_spreads(_groups(plain, _PLACES))
     columns_of_poses = []
     measured_groups = [before for before in groups if before and _COMMANDED.search(before) is None]
     is_beside_base = bool(measured_groups) and all(OF_BASE.match(before) for before in measured_groups)
@@ -173,6 +173,19 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
         replace(poses, mapping={**poses.mapping, "constants": {"body": body}})
         for poses, body in zip(mapped, bodies, strict=True)
     ]
+
+
+def _without_spreads(groups: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Return the groups of columns that are not the uncertainties of another group, such as ``m_std_x`` of ``m_x``."""
+    return {
+        before: own
+        for before, own in groups.items()
+        if not any(
+            all(is_spread_of(name, raw) for name, raw in zip(own, other, strict=True))
+            for other in groups.values()
+            if other is not own
+        )
+    }
 
 
 def _without_words_of_parts(names: Sequence[str]) -> list[str]:

@@ -32,9 +32,16 @@ _CHANNEL = re.compile(
     r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge|dms|kanal)[ _.-]?(?:\d+|[xyz])|g\d", re.IGNORECASE
 )
 _NO_SIGNAL = re.compile(r"excit|suppl|speis|batter|power|versorg|ref", re.I)  # voltages that are no signals
-_RUN = re.compile(r"(run|lauf|serie|series|test|versuch|messreihe|essai|s(é|e)rie)([ _-]?(nr|no|id|name)\.?)?", re.I)
+_RUN = re.compile(
+    r"(run|lauf|sequence|sequenz|serie|series|test|versuch|messreihe|essai|s(é|e)rie)([ _-]?(nr|no|id|name)\.?)?", re.I
+)
+_OF_ONE_AXIS = re.compile(
+    rf"(?:(?:{_REFERENCE}|nenn|test|pr(?:ü|ue)f)[ _.-]?)?(?:kraft|force|load|last|gewicht|weight|masse?)"
+    rf"(?:[ _.-]?(?:{_REFERENCE}))?",
+    re.IGNORECASE,
+)
 _STEPS_PER_RUN = 3  # least rows of a run, on average
-_TIME = re.compile(r"(?:t|time|zeit|timestamp|x[ _]?value)\b.*", re.I)
+_TIME = re.compile(r"(?:t|time|zeit|zeitstempel|timestamp|x[ _]?value)\b.*", re.I)
 _MOST_CHANNELS = 8
 _COLUMN = {
     "f": "f{}_n",
@@ -112,7 +119,7 @@ def _load_columns(names: Sequence[str]) -> LoadMapping | None:
     channels = _channels(names)
     fewest = 1 if any(map(_is_voltage, channels)) else _FEWEST
     if len(plain) + len(applied) < fewest or not any(column[0] in "fm" for column in (*plain, *applied)):
-        return None
+        return None if plain or applied else _load_of_one_axis(names)
     steps: MappingKeys = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
     if any(column[0] in "dr" for column in plain):
         return LoadMapping("displacement", {**_keys(plain), **steps}, "displacements under load")
@@ -134,6 +141,29 @@ def _load_columns(names: Sequence[str]) -> LoadMapping | None:
     if not any(_TIME.fullmatch(name.strip()) for name in names):
         return load_columns_given
     return replace(shown, otherwise=load_columns_given)
+
+
+def _load_of_one_axis(names: Sequence[str]) -> LoadMapping | None:
+    """Return the proposal for a load cell: one column of forces without an axis, next to one channel of an amplifier
+    or more; else None."""
+    channels = [name for name in names if _is_voltage(name)]
+    force = find_column("fz_n")
+    loads = {
+        name: unit
+        for name in names
+        if (unit := unit_of(name)) is not None
+        and may_be(unit, force)
+        and _OF_ONE_AXIS.fullmatch(bare_and_unit(name)[0].strip()) is not None
+    }
+    if len(loads) != 1 or not 1 <= len(channels) <= _MOST_CHANNELS:
+        return None
+    ((name, unit),) = loads.items()
+    keys = _keys({f"v{number}_mv": channel for number, channel in enumerate(channels, start=1)})
+    mapping: MappingKeys = {"columns": {**keys["columns"], "load": name}, "number_rows": {"step": 1}}
+    mapping["units"] = {**keys.get("units", {}), "load": unit}
+    mapping["constants"] = {"run": "1", "load_axis": "fz"}
+    note = "loads of one axis, taken to be applied, next to the channels of a sensor"
+    return LoadMapping("signals", mapping, note, _doubts_on_ratios(channels))
 
 
 def with_recorded_runs(found: LoadMapping, names: Sequence[str], rows: Sequence[Sequence[str]]) -> LoadMapping:

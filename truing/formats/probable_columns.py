@@ -24,7 +24,11 @@ _KNOWN = {
     r"|(mess)?punkt([ _-]?(nr|nummer|name|id|bezeichnung))?|(ziel)?marke"
     r"|ziel(punkt)?|name|nom|cible|smr|reflector|reflektor|nest|feature([ _]?(id|name))?|merkmal",
     **{f"{a}_mm": f"{a}|{_OF_MEASURED.format(a)}" for a in "xyz"},
-    **{f"sigma_{a}_mm": rf"(s0?|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}" for a in "xyz"},
+    **{
+        f"sigma_{a}_mm": rf"(s0?|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}"
+        rf"|[us][ _]?{a}[ _]*\(?[123][ _-]?(s|σ|sigma)\)?"
+        for a in "xyz"
+    },
     "time_s": r"(t|%?_*(date[ _/]?)?time([ _]?stamp)?|time +\d+ - .*|zeit(stempel)?|temps|timestamp"
     r"|(field\.)?header\.stamp)( ?[\[(](utc|gmt|mez|mesz|cet|cest|local)[\])])?",
     "temperature_c": r"temp(erature?|eratur)?",

@@ -32,10 +32,13 @@ def proposal_of_loads(loads: LoadMapping, names: tuple[str, ...], mapping: Mappi
 
 def with_doubt_on_samples(guess: Guess, names: tuple[str, ...], values: Array) -> Guess:
     """Return a proposal, with the doubt whether rows of signals are samples of one load rather than load steps."""
-    columns = [guess.mapping["columns"].get(load, load) for load in WRENCH]
+    columns = [guess.mapping["columns"].get(load, load) for load in (*WRENCH, "load")]
     loads = values[:, [names.index(name) for name in columns if name in names]]
-    steps = 1 + int(np.any(np.diff(loads, axis=0) != 0.0, axis=1).sum())
-    if guess.table != "signals" or not loads.shape[1] or len(loads) < _SAMPLES * steps:
+    if guess.table != "signals" or not loads.shape[1]:
+        return guess
+    changes = np.flatnonzero(np.any(np.diff(loads, axis=0) != 0.0, axis=1))
+    rows, steps = (int(changes[-1]) + 1, len(changes)) if len(changes) else (len(loads), 1)  # the last may go on
+    if rows < _SAMPLES * steps:
         return guess
     doubt = (
         "many rows have the load of the row before: if they are samples, [signals] average_samples = true takes means"

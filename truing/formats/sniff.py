@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from truing.formats.block_heads import heads_of_poses
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.guess import (
@@ -138,11 +139,16 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     if (headed := headed_table(numbered)) is not None:
         return _sniff_headed(headed, {} if encoding == "utf-8" else {"encoding": encoding}, joints)
     comment = next((mark for mark in _COMMENTS if lines and lines[0].lstrip().startswith(mark)), None)
+    heads = heads_of_poses([line for _, line in numbered])
+    if heads is not None:
+        numbered = [(n, line) for n, line in numbered if re.search(heads, line) is None]
+        comment = next((mark for mark in _COMMENTS if numbered and numbered[0][1].lstrip().startswith(mark)), None)
     lines_of_data = [(n, line) for n, line in numbered if comment is None or not line.lstrip().startswith(comment)]
     if not lines_of_data:
         return Guess(notes=("it holds no lines",))
     mapping: MappingKeys = {} if encoding == "utf-8" else {"encoding": encoding}
     mapping |= {} if comment is None else {"comment": comment}
+    mapping |= {} if heads is None else {"heads": heads}
     mapping |= {"quote": ""} if _has_bare_quote([line for _, line in lines_of_data]) else {}
     remarks = [
         line.strip().lstrip(comment).strip() for _, line in numbered if comment and line.lstrip().startswith(comment)
@@ -152,12 +158,19 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     guess = _sniff_records(
         lines_of_data[:_LINES], mapping, remarks, joints, is_of_joints=_OF_JOINTS.search(path.stem) is not None
     )
+    guess = guess if heads is None else _of_several_poses(guess)
     if guess.mapping.get("format") == "vstars" and (select := coded_alone([line for _, line in lines_of_data])):
         note = "coded targets alone: the others get new numbers in every bundle"
         return replace(guess, mapping=guess.mapping | select, notes=(*guess.notes, note))
     if guess.table is None and (found := cycles_side_by_side(guess.columns, path.name)) is not None:
         return Guess({**guess.mapping, **found.mapping}, guess.columns, found.table, (found.note,), doubts=found.doubts)
     return guess
+
+
+def _of_several_poses(guess: Guess) -> Guess:
+    """Return a proposal whose rows have the pose of the line above their block: a list of targets is no survey."""
+    columns = (*guess.columns, "pose")
+    return replace(guess, columns=columns, table="points" if guess.table == "targets" else guess.table)
 
 
 def _sniff_headed(table: HeadedTable, mapping: MappingKeys, joints: Sequence[str]) -> Guess:

@@ -27,12 +27,13 @@ class EndlessLine(ValueError):
 
 @dataclass(frozen=True)
 class Lines:
-    """Rule for records: lines that are not blank, no comment, and match ``keep``."""
+    """Rule for records: lines that are not blank, no comment, no head of a block, and match ``keep``."""
 
     comment: bytes | None
     quote: bytes
     keep: BoundedPattern[bytes] | None
     blanks: bytes
+    heads: BoundedPattern[bytes] | None = None
 
     @classmethod
     def of(cls, entry: FileMapping, separator: str) -> Lines:
@@ -40,16 +41,19 @@ class Lines:
         blanks = b" \t\r\n\f" + (b"" if separator == "whitespace" else separator.encode())
         keep = None if entry.keep_lines is None else BoundedPattern(entry.keep_lines.encode(), "keep_lines")
         comment = entry.comment.encode() if entry.comment else None
-        return cls(comment, entry.quote.encode(), keep, blanks)
+        heads = None if entry.heads is None else BoundedPattern(entry.heads.encode(), "heads")
+        return cls(comment, entry.quote.encode(), keep, blanks, heads)
 
     def of_heading(self) -> Lines:
         """Return the same rules for the header line, to which ``keep`` does not apply."""
-        return Lines(self.comment, self.quote, None, self.blanks)
+        return Lines(self.comment, self.quote, None, self.blanks, self.heads)
 
     def is_record(self, line: bytes) -> bool:
         """True if a line (or several, inside quotation marks) is a record."""
         bare = line.strip(self.blanks)
         if not bare or (self.comment is not None and bare.startswith(self.comment)):
+            return False
+        if self.heads is not None and self.heads.search(line) is not None:
             return False
         return self.keep is None or self.keep.search(line) is not None
 

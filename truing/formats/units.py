@@ -327,7 +327,9 @@ def expanded(name: str) -> Expanded | None:
     bare, _ = bare_and_unit(name)
     if match := _FACTOR.search(name):
         return Expanded(float(match["k"].replace(",", ".")), f"{match[0]} in its name")
-    if (match := _SIGMAS.search(bare)) and match["k"] != "1":
+    if match := _SIGMAS.search(bare):
+        if match["k"] == "1":
+            return None
         return Expanded(_K[match["k"]], f"{match['k']} sigma in its name")
     if _LIMIT.search(bare):
         return Expanded(round(math.sqrt(3.0), 4), "a limit of error (MPE) whose values are equally likely")

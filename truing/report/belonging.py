@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, RotationForm, SlipKind
-from truing.report.numbers import two_decimals
+from truing.report.numbers import quantity
 
 _MOST = 6  # subjects that a sentence lists
 _SAME_FACTOR = 1e-6  # relative
@@ -171,7 +171,7 @@ def message(tested: RelationTest) -> str:
         ratio = 1.0 / tested.slips[0].factor - 1.0
         text = f"{sides} agree in shape, but lengths between points are {1e3 * abs(ratio):.2g} mm/m "
         text += f"{'larger' if ratio > 0.0 else 'smaller'} than in the survey{_size(tested)}. With the survey in this "
-        text += f"scale, the misfit is {two_decimals(tested.misfit_explained or 0.0)} {tested.unit}. "
+        text += f"scale, the misfit is {quantity(tested.misfit_explained or 0.0, tested.unit)}. "
         return f"{text}Compare scale bars, refraction, and the temperatures of survey and measurement."
     if tested.slips and tested.state == RelationState.FAILS:
         return f"{sides} do not belong together{_size(tested)}. {_meant_words(tested)}"
@@ -188,15 +188,15 @@ def message(tested: RelationTest) -> str:
 def _size(tested: RelationTest) -> str:
     if tested.misfit is None or tested.unit == "1":
         return ""
-    limit = "" if tested.limit is None or tested.slips else f", limit {two_decimals(tested.limit)} {tested.unit}"
-    return f" (rms misfit {two_decimals(tested.misfit)} {tested.unit}{limit})"
+    limit = "" if tested.limit is None or tested.slips else f", limit {quantity(tested.limit, tested.unit)}"
+    return f" (rms misfit {quantity(tested.misfit, tested.unit)}{limit})"
 
 
 def _meant_words(tested: RelationTest) -> str:
     after = (
         ""
         if tested.misfit_explained is None
-        else f" With this, the misfit is {two_decimals(tested.misfit_explained)} {tested.unit}."
+        else f" With this, the misfit is {quantity(tested.misfit_explained, tested.unit)}."
     )
     if tested.relation in _OF_DESCRIPTION and tested.unit == "%" and (tested.misfit_explained or 0.0) > _GOOD:
         after += " A good description leaves less: check the numbers of [mechanism], too."

@@ -60,7 +60,8 @@ def corrections(tables: Tables, adequacy: SectionVerdict | None) -> list[Verdict
     text = f"Corrections to the nominal geometry (section Chain): {named}"
     if errors is not None:
         nominal, identified = (quantity(size, errors.unit) for size in (errors.nominal, errors.identified))
-        text += f"; with all that was identified, the rms error on {errors.poses} falls from {nominal} to {identified}"
+        text += f"; with all that was identified, the rms error on {errors.poses} falls "
+        text += f"from {nominal} with the nominal geometry to {identified}"
     text += "."
     return [("found", printed(text))]
 
@@ -85,7 +86,7 @@ def nominal_errors(tables: Tables) -> NominalErrors | None:
     if rows.empty:
         return None
     nominal, identified = (float(np.sqrt((rows[name] ** 2).mean())) for name in ("rms_nominal", "rms_after"))
-    words = "held-out poses" if held_out.any() else "fitted poses"
+    words = "held-out poses" if held_out.any() else "calibration poses"
     return NominalErrors(words, nominal, identified, str(rows["unit"].iloc[0]))
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from truing.belonging.relation import RelationState
 from truing.report.calibration.with_findings import choice_verdicts
 from truing.report.chain_corrections import corrections
 from truing.report.diagnosis.verdict_sentences import diagnosis_details
 from truing.report.first_screen import first_screen, gross_errors_of_axis
-from truing.report.numbers import quantity
+from truing.report.numbers import in_suitable_unit, printed
 from truing.report.page import NO_FACTS, CampaignFacts, PageHead, Verdict
 from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.tables import Tables, table_or_none
@@ -87,15 +89,19 @@ def _passed_sections(others: list[SectionVerdict]) -> list[Verdict]:
 
 
 def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
-    """Return accuracy and reversal of the first few positioned axes."""
+    """Return accuracy and reversal of the first few positioned axes, each with its standard uncertainty."""
     rows = table_or_none(tables, "positioning")
     if rows is None:
         return []
     selected = rows[rows["subject"].isna() & rows["figure"].isin(list(_OF_AXES))]
     selected = selected[selected["run"].isin(selected["run"].unique()[:_FEW_AXES])]
-    shown = zip(selected["run"], selected["figure"], selected["value"], selected["unit"], strict=True)
+    sigma = selected["sigma"] if "sigma" in selected else selected["value"] * math.nan
+    shown = zip(selected["run"], selected["figure"], selected["value"], sigma, selected["unit"], strict=True)
     with_all = ", gross errors included" if gross_errors_of_axis(tables) else ""
-    return [(f"{_OF_AXES[figure]}, {_run(run)}{with_all}", quantity(value, unit)) for run, figure, value, unit in shown]
+    return [
+        (f"{_OF_AXES[figure]}, {_run(run)}{with_all}", printed(in_suitable_unit(value, spread, unit)))
+        for run, figure, value, spread, unit in shown
+    ]
 
 
 def _run(name: str | int) -> str:

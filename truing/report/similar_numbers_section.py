@@ -12,9 +12,11 @@ from truing.report.calibration.calibrations import (
     main_calibration,
     rows_of,
 )
+from truing.report.chain_corrections import nominal_errors
 from truing.report.column_heads import Head
 from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
-from truing.report.diagnosis.prediction_errors import errors_of_models, part_names
+from truing.report.diagnosis.gain import compared_calibrations
+from truing.report.diagnosis.prediction_errors import POINTS, errors_of_models, part_names, root_mean_square
 from truing.report.numbers import plain, quantity, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, is_bench, table_or_none
@@ -29,6 +31,7 @@ _Row = tuple[str, str, str, str]
 _ERRORS = "Errors: each row is a different quantity, so the values need not agree"
 _SHAPES = "K by three estimates of one quantity: from different data, or with different free parameters"
 _DEFORMATION = {"none": "without a model", "linear": "after the linear model", "matrix": "after the matrix model"}
+_OF_BODY = {"none": "without a model", "linear": "after a model linear in the drives"}
 _OF_BENCH = {"none": "without a model", "linear": "after a diagonal compliance", "matrix": "after a full compliance"}
 _ESTIMATES = (
     Head("entry", "Entry of K: attachment that shifts, then actuator that moves it."),
@@ -43,7 +46,7 @@ _SHOWN = 3  # entries of K
 
 def alike(tables: Tables) -> ReportSection | None:
     """Return the section; None where the page has at most one such number."""
-    rows = (*_predictions(tables), *_deformation(tables), *_calibrated(tables))
+    rows = (*_nominal(tables), *_predictions(tables), *_positions(tables), *_deformation(tables), *_calibrated(tables))
     errors = Listing(_HEADS, rows, caption=_ERRORS)
     entries = tuple(_entries(tables))
     listings = [errors] if len(rows) > 1 else []
@@ -68,14 +71,41 @@ def _predictions(tables: Tables) -> Iterator[_Row]:
             yield ("Before and after", f"{quantity}, {words}", over, f"{plain(size)} {sign(errors.unit)}")
 
 
+def _nominal(tables: Tables) -> Iterator[_Row]:
+    """Yield the error of a chain as its description has it, which the first screen gives next to that without
+    causes."""
+    errors = nominal_errors(tables)
+    if errors is not None:
+        compared_quantity = "coordinates of targets, measured minus predicted, rms, by the nominal geometry"
+        yield ("Verdict", compared_quantity, errors.poses, quantity(errors.nominal, errors.unit))
+
+
+def _positions(tables: Tables) -> Iterator[_Row]:
+    """Yield the rms errors of the platform's position by the extended model and by plain calibrations."""
+    errors = compared_calibrations(tables)
+    if errors is None:
+        return
+    is_held_out = errors["role"].eq("verification")
+    over = POINTS.held_out if is_held_out.any() else POINTS.fitted
+    shown = errors[is_held_out] if is_held_out.any() else errors
+    for name, rows in shown.groupby("called", sort=False):
+        compared_quantity = f"position of the platform, rms distance of measured and predicted, {name}"
+        yield ("Before and after", compared_quantity, over, quantity(root_mean_square(rows["position_error_um"]), "um"))
+
+
 def _deformation(tables: Tables) -> Iterator[_Row]:
     """Yield the rms residuals of the models of the deformation."""
     errors = table_or_none(tables, "deformation_errors")
     if errors is None:
         return
     subject = errors["subject"] if "subject" in errors else errors["leg"]
-    rows = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & subject.isna()]
     bench = is_bench(tables)
+    is_whole = errors["figure"].eq("rms_error") & errors["leg"].isna()
+    for row in errors.assign(body=subject)[is_whole & subject.notna() & (not bench)].itertuples():
+        words = _OF_BODY.get(str(row.model), f"after model {row.model}")
+        compared_quantity = f"residuals of rigid fits of {row.body}, rms, {words}"
+        yield ("Deformation", compared_quantity, "all poses", quantity(float(str(row.value)), str(row.unit)))
+    rows = errors[is_whole & subject.isna()]
     compared_quantity = "motion of the platform under load, rms" if bench else "shift of the attachments along z, rms"
     for row in rows.itertuples():
         words = (_OF_BENCH if bench else _DEFORMATION).get(str(row.model), f"after model {row.model}")

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from tests.report.diagnosis_parts import part_of, state_of
-from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
+from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, matrix, rejected, row, rows
 from tests.sentences import assert_says, says
 from truing.report.diagnosis.adequacy import adequacy as adequacy_section
 from truing.report.diagnosis.adequacy import adequacy_verdict, shortcoming
@@ -19,6 +19,7 @@ from truing.report.diagnosis.findings import DECLARED_NOISE, DOUBTS, SCATTER_OF_
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.section import diagnosis
 from truing.report.diagnosis.verdict_sentences import diagnosis_verdict
+from truing.report.numbers import printed
 from truing.report.page_head import build_head
 from truing.report.section_verdict import verdict_rows
 from truing.report.verdict import with_verdict
@@ -331,6 +332,19 @@ def test_candidates_are_counted_alike_over_the_page() -> None:
     assert text is not None
     tested = sum(own["verdict"] == "rejected" for own in rejected())
     assert_says(text.explanation, f"none of {tested} candidates")
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held_out", "words"),
+    [(111.4, 61.6, "rms error on calibration poses is 111 µm"), (61.6, 111.4, "rms error on held-out poses is 111 µm")],
+)
+def test_the_rms_error_of_an_incomplete_model_names_its_data(fitted: float, held_out: float, words: str) -> None:
+    """The first screen gives the error on held-out poses, which may be another number."""
+    found = row("platform-deformation-matrix", parameters=matrix(), rms_after=fitted, heldout_rms_after=held_out)
+    tables = diagnosis_tables(rows(found, *rejected()))
+    verdict = adequacy_verdict({**tables, "adequacy": FAILS}, {})
+    assert verdict is not None
+    assert_says(printed(verdict.explanation), words)
 
 
 def test_advice_on_what_follows_time_alone_is_another_order() -> None:

@@ -61,7 +61,7 @@ def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
         axis = _axis(sizes[error])
         grid.update_xaxes(title_text=sequence_title(words, "type" in axis), **axis, row=row, col=1)
     subtitle = "Full colour: mean; pale: maximum"
-    subtitle += f". Dotted: noise floor (rms), {' and '.join(floors)}" if floors else " over the poses"
+    subtitle += f". Dotted: rms by noise alone, {' and '.join(floors)}" if floors else " over the poses"
     style(grid, "Errors of the calibrated models", subtitle, height)
     grid.update_yaxes(autorange="reversed", automargin=True)
     grid.update_layout(barmode="group", bargap=0.25, legend=_legend(), margin={"t": 108})

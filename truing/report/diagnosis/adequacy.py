@@ -17,7 +17,7 @@ from truing.report.diagnosis.assessed_causes import (
 )
 from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words, used_words
 from truing.report.diagnosis.findings import expected_noise, subject_words
-from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
+from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models, part_names
 from truing.report.numbers import capitalised, count_text, p_value, rough, rough_quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
@@ -114,7 +114,14 @@ def _but_beyond(tables: Tables) -> str:
         return ""
     worst = max(beyond, key=_times_noise)
     noise = _noise_alone(assessed_causes(tables))
-    return f", but the rms error of predictions is {rough(_times_noise(worst))} times what {noise}"
+    return f", but {_rms_error(worst, tables)} is {rough(_times_noise(worst))} times what {noise}"
+
+
+def _rms_error(overall: Overall, tables: Tables) -> str:
+    """Return the name of an rms error, with the data over which it is taken: those of the first screen may be
+    others."""
+    parts = part_names(tables)
+    return f"the rms error on {parts.held_out if overall.held_out else parts.fitted}"
 
 
 def _noise_alone(rows: list[AssessedCause]) -> str:
@@ -151,7 +158,8 @@ def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict
     )
     none = "" if accepted_rows else f"none of {count_text(len(testable_of(rows)), 'candidate')} was found, but "
     if beyond:
-        return _verdict_above_noise(max(beyond, key=_times_noise), none, shortcoming(tables), _noise_alone(rows))
+        worst = max(beyond, key=_times_noise)
+        return _verdict_above_noise(worst, none, shortcoming(tables), _noise_alone(rows), _rms_error(worst, tables))
     if short := shortcoming(tables):
         text = f"The model is incomplete: {none}{short}."
         p, limit = _least_likely(tables)
@@ -159,36 +167,36 @@ def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict
     if undetermined := [model_error for model_error in missed if _is_undetermined(model_error)]:
         return _verdict_undetermined(max(undetermined, key=_times_noise), _noise_alone(rows))
     if below:
-        return _verdict_below_noise(below[0], none, _noise_alone(rows))
+        return _verdict_below_noise(below[0], none, _noise_alone(rows), _rms_error(below[0], tables))
     if not missed:
         text = "No noise is declared, so errors of predictions cannot be compared with it: declare [noise]."
         return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     worst = max([error for error in missed if not error.held_out] or missed, key=_times_noise)
     ratio, size = _times_noise(worst), rough_quantity(worst.after, worst.unit)
     floor = rough_quantity(worst.floor or 0.0, worst.unit)
-    text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {floor}."
+    text = f"{capitalised(_rms_error(worst, tables))} is {size}; {_noise_alone(rows)} {floor}."
     text += " The excess may be chance, or noise larger than declared." if ratio > AT_THE_FLOOR else ""
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
-def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str) -> SectionVerdict:
-    """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
-    wrong unnoticed."""
+def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str, error: str) -> SectionVerdict:
+    """Return the verdict on errors beyond noise, which ``error`` names: by a factor they fail, since no declared noise
+    is so wrong unnoticed."""
     ratio, also = _times_noise(overall), f". {capitalised(short)}" if short else ""
     size, floor = (rough_quantity(value, overall.unit) for value in (overall.after, overall.floor or 0.0))
     if overall.of_fit > (overall.floor or 0.0):
         of_fit = rough_quantity(overall.of_fit, overall.unit)
         floor += f" and the uncertainty of the fit {of_fit}, as the fitted data hardly determine the model there"
-    text = f"The model is incomplete: {none}the rms error of predictions is {size}, where {noise} {floor}{also}. "
+    text = f"The model is incomplete: {none}{error} is {size}, where {noise} {floor}{also}. "
     text += "Look at the pattern of the errors under Diagnosis."
     if ratio > BY_A_FACTOR:
         return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, text, ratio, "1", BY_A_FACTOR)
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
-def _verdict_below_noise(overall: Overall, none: str, noise: str) -> SectionVerdict:
+def _verdict_below_noise(overall: Overall, none: str, noise: str, error: str) -> SectionVerdict:
     size = rough_quantity(overall.after, overall.unit)
-    text = f"{none}the rms error of predictions is only {size}, significantly less than {noise} "
+    text = f"{none}{error} is only {size}, significantly less than {noise} "
     text += f"({rough_quantity(overall.floor or 0.0, overall.unit)}): {overall.why_below}. Correct [noise]: at the "
     text += "present value, small effects may be missed."
     text = capitalised(text)

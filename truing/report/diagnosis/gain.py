@@ -235,8 +235,8 @@ def _by_role(tables: Tables) -> Listing:
     return Listing(heads, tuple(rows), caption=_EVERY_POSE, held_by="prediction.parquet")
 
 
-def _compared_calibrations(tables: Tables) -> pd.DataFrame | None:
-    """Return the errors of the plain calibrations of one structure, and of the extended model, in order."""
+def compared_calibrations(tables: Tables) -> pd.DataFrame | None:
+    """Return the position errors of the plain calibrations of one structure, and of the extended model, in order."""
     accuracy = table_or_none(tables, "accuracy")
     if accuracy is None:
         return None
@@ -254,7 +254,7 @@ def _compared_calibrations(tables: Tables) -> pd.DataFrame | None:
 
 
 def _plain(tables: Tables) -> Drawn:
-    errors = _compared_calibrations(tables)
+    errors = compared_calibrations(tables)
     if errors is None:
         return []
     words = (
@@ -265,7 +265,7 @@ def _plain(tables: Tables) -> Drawn:
 
 
 def _calibrations(tables: Tables) -> Listing:
-    errors = _compared_calibrations(tables)
+    errors = compared_calibrations(tables)
     heads = (
         Head("calibration", "Model that predicts the position of the platform."),
         Head("poses", "Use of the poses: fitted (calibration), or held out of every fit (verification)."),
@@ -324,13 +324,15 @@ def misfit_figure(
     return figure
 
 
-def _floor_line(figure: go.Figure, floor: float | None, unit: str, vertical: bool = False) -> str:
-    """Draw the rms by noise alone, and return the words for it."""
+def _floor_line(
+    figure: go.Figure, floor: float | None, unit: str, vertical: bool = False, what: str = "noise floor"
+) -> str:
+    """Draw the rms by noise alone, and return the words for it; ``what``: its name."""
     if floor is None:
-        return "The noise floor is not known"
+        return f"The {what} is not known"
     draw = figure.add_vline if vertical else figure.add_hline
     draw(**{"x" if vertical else "y": floor}, line={"color": GREY, "dash": "dot", "width": 2})
-    return f"Dotted: noise floor, {plain(floor)} {unit}"
+    return f"Dotted: {what}, {plain(floor)} {unit}"
 
 
 def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> go.Figure:
@@ -406,7 +408,7 @@ def _errors_of_calibrations(errors: pd.DataFrame) -> go.Figure:
                 text=[plain(size) for size in rms_errors],
             )
         )
-    subtitle = _floor_line(figure, _noise(errors), "µm", vertical=True)
+    subtitle = _floor_line(figure, _noise(errors), "µm", vertical=True, what="rms position error by noise alone")
     title = "Position error: extended model and plain calibrations"
     style(figure, title, subtitle, _AROUND + _ROW * len(names))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")

@@ -3,7 +3,7 @@
 (() => {
   // px that A4 leaves between its margins, and less than its height; a figure of half a page leaves no page half empty,
   // if its letters stay large enough.
-  const PAPER = { width: 680, height: 820, half: 390, least: 0.62 };
+  const PAPER = { width: 680, height: 820, half: 350, least: 0.62 };
   const PRINT_OF_TABLES = 8 / 10.5; // their letters on paper over those on the screen
   const config = {
     displaylogo: false,

@@ -186,7 +186,9 @@ def _template() -> jinja2.Template:
 
 def _with_fixed_spaces(sentence: str) -> str:
     """Return a sentence with non-breaking spaces between numbers and units."""
-    return re.sub(r"(?<=\d) (?=%|[µm]m\b|µrad|mrad|arcsec|ppm|N\b|N·m|± )|(?<=±) (?=\d)", "\u00a0", sentence)
+    return re.sub(
+        r"(?<=\d) (?=%|[µm]m\b|µrad|mrad|arcsec|ppm|(?:deg|px|mV|K|kg|N)\b|N·m|± )|(?<=±) (?=\d)", "\u00a0", sentence
+    )
 
 
 def embedded(value: object) -> str:
