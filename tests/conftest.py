@@ -55,7 +55,7 @@ SLOW = (
     "simulation/bench/test_recovery.py", "simulation/mechanisms/test_recalibration.py", "stages/photographs",
 )  # fmt: skip
 SLOW_FIXTURES = {"browser", "real_data", "sample_run"}
-# Files with the longest fixtures and tests (40 to 200 s), which begin first: a worker that began one of them last would
+# Files with the longest fixtures and tests (25 to 200 s), which begin first: a worker that began one of them last would
 # work alone at the end. tests/cpu_time.py prints what takes long.
 LONGEST = (
     "real/test_real_data.py", "blind/test_blind.py", "blind/test_blind_axes.py", "blind/test_blind_arms.py",
