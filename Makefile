@@ -27,8 +27,11 @@ all: $(runtime)
 setup: $(runtime)
 	@:
 
-# Workers share the cores; libraries that start threads of their own would only queue for them.
+# Workers share the cores; libraries that start threads of their own would only queue for them. Large arrays, which come
+# and go, keep their pages (glibc; elsewhere unheeded).
 quick test: export OMP_NUM_THREADS = 1
+quick test: export MALLOC_MMAP_THRESHOLD_ = 1000000000
+quick test: export MALLOC_TRIM_THRESHOLD_ = 2000000000
 test: $(dev)
 	$(python) -m pytest -n auto --dist worksteal
 
@@ -60,6 +63,9 @@ links: $(dev)
 	@$(MAKE) --no-print-directory setup
 	@$(VENV)/bin/truing run --only $@ "$$CAMPAIGN"
 
+# Python compiles a module when it is first imported; most of these modules never are.
+install := $(python) -m pip install --quiet --no-compile --only-binary :all: --require-hashes
+
 # An environment is ready when its mark is there, and the mark carries a digest of all that the environment
 # was made from. `unfinished` stays behind where an installation was cut short: then it is made afresh.
 $(runtime):
@@ -67,13 +73,13 @@ $(runtime):
 	@if [ -e $(VENV)/unfinished ]; then rm -rf $(VENV); fi
 	@mkdir -p $(VENV) && touch $(VENV)/unfinished
 	@if [ ! -x $(python) ]; then $(PYTHON) -m venv $(VENV); fi
-	$(python) -m pip install --quiet --only-binary :all: --require-hashes -r requirements/runtime.txt
+	$(install) -r requirements/runtime.txt
 	$(python) -m pip install --quiet --no-deps --no-build-isolation -e .
 	@rm -f $(VENV)/ready-* $(VENV)/unfinished && touch $@
 
 $(dev): $(runtime)
 	@touch $(VENV)/unfinished
-	$(python) -m pip install --quiet --only-binary :all: --require-hashes -r requirements/dev.txt
+	$(install) -r requirements/dev.txt
 	@rm -f $(VENV)/unfinished && touch $@
 
 lock := uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \

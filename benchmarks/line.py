@@ -24,6 +24,8 @@ import numpy as np
 
 from benchmarks.rows import Row, record_row
 from benchmarks.timing import as_installed
+from tests.blind.generator.axis import draw_layout, record
+from tests.blind.generator.axis import write as write_axis
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.folder import write_campaign
@@ -35,7 +37,7 @@ from truing.pipeline.entry import main as run_truing
 
 SAMPLES = ("telescope", "force-sensor", "robot")
 BENCH = "bench"
-SMALLEST = ("sample_data/robot",)
+SMALLEST = ("--smallest",)
 _SECONDS = 5.0  # limit of a sample, by the clock
 _MEMORY_MB = 600.0  # limit of the bench
 REPEATS = 2  # of every run of the force sensor's programme: 1,512 load steps
@@ -120,6 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaigns", nargs="*", type=Path, help="default: the samples, and the bench")
     parser.add_argument("--repeats", type=int, default=REPEATS, help="of each run of the bench (756 load steps each)")
+    parser.add_argument("--smallest", action="store_true", help="one axis of some ten positions alone")
     parser.add_argument("--one", type=Path, help="run this campaign here, and print its figures as JSON")
     parser.add_argument("--out", type=Path, help="folder of that run")
     options = parser.parse_args(arguments)
@@ -127,10 +130,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(json.dumps(vars(_one(options.one, options.out))))
         return
     with tempfile.TemporaryDirectory() as home:
-        folders = options.campaigns or [
-            *(Path("sample_data") / name for name in SAMPLES),
-            write_bench(Path(home) / BENCH, options.repeats),
-        ]
+        if options.smallest:
+            rng = np.random.default_rng(1)
+            folders = [write_axis(record(draw_layout(rng), (), rng), Path(home) / "axis")]
+        else:
+            folders = options.campaigns or [
+                *(Path("sample_data") / name for name in SAMPLES),
+                write_bench(Path(home) / BENCH, options.repeats),
+            ]
         names = [open_campaign(folder).name for folder in folders]
         lines = {name: measure(folder, Path(home) / "runs" / name) for name, folder in zip(names, folders, strict=True)}
     print(table(lines))

@@ -55,6 +55,13 @@ SLOW = (
     "simulation/bench/test_recovery.py", "simulation/mechanisms/test_recalibration.py", "stages/photographs",
 )  # fmt: skip
 SLOW_FIXTURES = {"browser", "real_data", "sample_run"}
+# Files with the longest fixtures and tests (25 to 200 s), which begin first: a worker that began one of them last would
+# work alone at the end. tests/cpu_time.py prints what takes long.
+LONGEST = (
+    "real/test_real_data.py", "blind/test_blind.py", "blind/test_blind_axes.py", "blind/test_blind_arms.py",
+    "runs/test_chain_runs_compared.py", "docs/test_site.py", "blind/test_arm_cases.py",
+    "blind/test_power_finds_as_much.py",
+)  # fmt: skip
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -62,10 +69,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark the tests of slow folders and fixtures; `make quick` keeps one example of each law."""
+    """Mark the tests of slow folders and fixtures, and begin with the longest; `make quick` keeps one example of each
+    law."""
     for item in items:
         if _in_slow_folder(item.path) or SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
+    rank = {TESTS / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path, len(rank)))
     if config.getoption("hypothesis_profile", None) == "quick":
         first = {item.nodeid.partition("[")[0]: item for item in reversed(items)}
         kept = [item for item in items if first[item.nodeid.partition("[")[0]] is item]

@@ -33,6 +33,7 @@ def test_the_limit_holds_as_often_as_stated(rms: float) -> None:
     assert np.median([one.upper for one, *_ in found]) < 1.5 * max(rms, 2e-6)  # a limit, and no trifle
 
 
+@pytest.mark.slow
 def test_the_rms_is_the_true_one_without_the_noise_of_the_fit() -> None:
     rng = np.random.default_rng(2)
     found = [_drawn(rng, 6e-6) for _ in range(_DRAWS)]

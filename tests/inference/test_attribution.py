@@ -94,6 +94,7 @@ def test_an_effect_in_one_run_is_attributed_though_it_passed_for_a_burst_of_nois
     assert _reported(shown.rows, columns) == {"load_n"}
 
 
+@pytest.mark.slow
 def test_a_walk_in_time_follows_time_and_no_input_that_walks_too() -> None:
     said = []
     for seed in range(10):

@@ -42,6 +42,7 @@ def pulls_of(jacobian: np.ndarray, rows: np.ndarray, share: float) -> Pulls:
     return pulls(shift, np.eye(len(shift)), covariance)
 
 
+@pytest.mark.slow
 def test_pulls_lie_in_their_band_at_the_stated_rate(jacobian: np.ndarray) -> None:
     rng = np.random.default_rng(8)
     inside: dict[str, list[bool]] = {"learned": [], "half": []}

@@ -48,6 +48,7 @@ def test_a_cause_with_half_of_the_true_effect_is_refused_at_the_stated_rate(pose
     assert_between(_vetoes(poses, 2.0, 0.5), 0.001, 0.011, what="refused")
 
 
+@pytest.mark.slow
 def test_few_poses_refuse_a_wrong_cause_and_never_a_right_one() -> None:
     assert _vetoes(3, 2.0, 1.0) == 0.0
     assert _vetoes(3, 8.0, 0.0) > 0.99

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.stats import binom, kstest
 
 from tests.runs.test_axis_corrections import model_of
@@ -26,6 +27,7 @@ def measured(rng: np.random.Generator, *shifts: float) -> ExtendedAxis:
     return replace(model, effects=tuple(effects))
 
 
+@pytest.mark.slow
 def test_sizes_that_did_not_change_are_named_no_oftener_than_the_level_says() -> None:
     rng = np.random.default_rng(1)
     steps = [axis_step(measured(rng), measured(rng)).rows for _ in range(DRAWS)]

@@ -89,6 +89,7 @@ def test_a_text_of_a_campaign_stays_text_in_a_workbook(run: truing.Run, monkeypa
     assert len(sheets["qa (2)"]) == 3
 
 
+@pytest.mark.slow
 def test_the_summary_says_what_the_page_says(run: truing.Run) -> None:
     reported = json.loads(dict(summary(run))["summary.json"])
     assert [(each["mark"], each["sentence"]) for each in reported["verdicts"]] == list(run.verdicts)
@@ -149,6 +150,7 @@ def test_cautions_are_next_to_their_numbers(run: truing.Run) -> None:
     assert set(marked.items()) == {(of, code) for of, code in expected.items() if of[1]}
 
 
+@pytest.mark.slow
 def test_the_command_writes_into_the_run_and_nowhere_else(run: truing.Run, tmp_path: Path) -> None:
     done = CliRunner().invoke(
         app, ["export", str(run.folder), "--to", "json, controller", "--out", str(tmp_path / "x")]

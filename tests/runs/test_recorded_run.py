@@ -38,6 +38,7 @@ def test_a_returned_table_is_a_copy(run: truing.Run) -> None:
     assert (run["poses"]["px_mm"] != 0.0).any()
 
 
+@pytest.mark.slow
 def test_sentences_and_figures_are_those_of_the_page(run: truing.Run) -> None:
     page = (run.folder / "report.html").read_text(encoding="utf-8")
     plain = re.sub(r"\s+", " ", page)

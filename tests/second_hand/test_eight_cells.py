@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 import truing
+from tests.ignored_causes import search_only
 from tests.report.explained import unexplained
 from tests.second_hand import eight_cells
 from tests.second_hand.command import call, run
@@ -27,7 +28,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     place = tmp_path_factory.mktemp("cells")
     drawn, cells = eight_cells.campaign(5, [])
     folder = eight_cells.folder(place / "c", drawn, eight_cells.CHAIN)
-    return place / "run", run(folder, "calibrate", place / "run"), cells
+    return place / "run", run(search_only(folder), "calibrate", place / "run"), cells
 
 
 def _matrix(tables: dict[str, pd.DataFrame], name: str) -> tuple[np.ndarray, np.ndarray]:

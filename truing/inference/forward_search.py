@@ -342,6 +342,7 @@ class ForwardSearch(Generic[CauseT]):
         """
         start, steps = rounds[-1], list[Accepted[CauseT]]()
         branch, hidden = [start], {c.kind for c in start.candidates if not c.cause.catalogued}
+        lead = -start.posterior(unnamed)
         while len(steps) < _MOST_TOGETHER:
             current = branch[-1]
             chosen = choose(current, refused | hidden, self.settings.level)
@@ -350,6 +351,9 @@ class ForwardSearch(Generic[CauseT]):
             chosen, cause, after = self.fitted_form(chosen, current)
             if predicts_worse(current.fitted.held_out, after.held_out, self.covered(cause, after)):
                 return []
+            lead += current.posterior(chosen.candidate)
+            if len(steps) == _MOST_TOGETHER - 1 and lead < np.log(RIVAL_FACTOR):
+                return []  # whatever the last round would show
             choice, rivals = current.choice(chosen.candidate), current.rivals_of(chosen.candidate)
             onsets, chosen = self._onsets(chosen.candidate, current), chosen.light()
             closed = start.closed() if current is start else self._closed(branch)
@@ -358,7 +362,6 @@ class ForwardSearch(Generic[CauseT]):
             steps.append(
                 Accepted(chosen, closed, cause, closed.fitted, after, False, choice, probability, rivals, onsets)
             )
-        lead = sum(step.round.posterior(step.candidate) for step in steps) - start.posterior(unnamed)
         if len(steps) < 2 or lead < np.log(RIVAL_FACTOR):
             return []
         is_one = names_of_one_effect(steps, branch[-1], branch[-1].fitted)

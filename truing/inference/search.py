@@ -205,10 +205,20 @@ class Search(Generic[CauseT]):
 
     def maxima(self, along: Array) -> Array:
         """Return the largest reduction in every group, (D, groups)."""
-        squares = self.squares(along)
-        columns = [squares[:, members].max(1) for members in self._members]
-        columns += self._of_families(along[:, :, self.pathways.places[OBSERVED]])
-        return np.column_stack(columns) if columns else np.zeros((len(along), 0))
+        of_families = self._of_families(along[:, :, self.pathways.places[OBSERVED]])
+        return np.column_stack([self._of_candidates(along), *of_families])
+
+    def _of_candidates(self, along: Array) -> Array:
+        """Return the largest reduction (D, groups) among the candidates of every group."""
+        largest = np.zeros((len(along), len(self._members)))
+        for bank in self._banks:
+            for scores, numbers in bank.scores(along):
+                groups = self._group_numbers[numbers]
+                first = np.flatnonzero(np.diff(groups, prepend=-1))
+                squares = np.maximum.reduceat(np.einsum("drk,drk->dk", scores, scores), first, axis=1)
+                for group, column in zip(groups[first], squares.T, strict=True):
+                    np.maximum(largest[:, group], column, out=largest[:, group])
+        return largest
 
     def _of_families(self, parts: Array) -> list[Array]:
         """Return the largest reduction (D,) in every family of channels, from parts (D, B, C) along the
@@ -227,6 +237,14 @@ class Search(Generic[CauseT]):
     @cached_property
     def _members(self) -> list[list[int]]:
         return list(grouped((c.kind, c.signature.rank) for c in self._visible_candidates).values())
+
+    @cached_property
+    def _group_numbers(self) -> Integers:
+        """Number of the group of every candidate that can be seen."""
+        result = np.empty(len(self._visible_candidates), int)
+        for number, members in enumerate(self._members):
+            result[members] = number
+        return result
 
     def by_kind(self, maxima: Array, noise: tuple[Array | float, Array | float]) -> Array:
         """Return the smallest uncorrected p of every kind, (D, kinds), at noise levels (D,), or one, of observations
@@ -263,7 +281,7 @@ class Search(Generic[CauseT]):
 
     def _prepare(self) -> None:
         """Form the arrays that both searches share, before they run at once."""
-        _ = self._standard, self._flipped_level, self._members, self._banks
+        _ = self._standard, self._flipped_level, self._group_numbers, self._banks
         self.pathways.prepare_draws()
         for family in self.families:
             _ = family.signatures.inverse

@@ -147,6 +147,7 @@ def _readings(choice: ChosenPoses) -> np.ndarray:
     return GRID[np.repeat(choice.chosen, choice.times)]
 
 
+@pytest.mark.slow
 def test_the_odds_promised_are_those_that_simulated_measurements_give(case: Case) -> None:
     """They are those of the rival that is harder to show right."""
     choice, rng = _apart(case, 8), np.random.default_rng(5)

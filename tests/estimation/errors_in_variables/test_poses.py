@@ -100,6 +100,7 @@ def _implicit(found: Campaign) -> NDArray:
     return problem.start + sigma * least_squares(residuals, np.zeros(len(sigma))).x[0]
 
 
+@pytest.mark.slow
 def test_equations_that_do_not_know_whose_error_it_is_lose_where_poses_are_not_equally_good() -> None:
     rng, draws = np.random.default_rng(10), 20
     errors = np.empty((2, draws))
@@ -153,6 +154,7 @@ def test_clean_campaigns_lose_no_pose_whatever_the_noise(noise: float) -> None:
     assert lost <= 6
 
 
+@pytest.mark.slow
 def test_the_minimum_at_the_end_of_a_bent_valley_is_found_from_either_side() -> None:
     # without tolerances u_y is hardly determined, and steps of Gauss and Newton cycle
     found = campaign(np.random.default_rng(7), 20)

@@ -63,6 +63,7 @@ def test_without_noise_the_ellipse_and_the_phase_are_exact(shape: tuple[float, .
     assert_close(residual_radius(signals(phase, values)[None], fit.values), [0.0], atol=1e-7)
 
 
+@pytest.mark.slow
 @given(st.floats(0.2, 5.0), st.tuples(st.floats(-500, 500), st.floats(-500, 500)), st.integers(0, 2**31))
 def test_phases_do_not_know_the_gain_and_the_offsets(gain: float, offset: tuple[float, float], seed: int) -> None:
     _, seen = noisy(seed, 300.0, channels=1, samples=50)

@@ -116,6 +116,7 @@ def test_a_mirror_image_is_a_rival_only_of_a_plane_set():
     assert label_points(moved(rng, plane)[0], plane, SIGMA).status == LabellingStatus.AMBIGUOUS
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_mirrored_axes_and_wrong_units_are_never_labelled(seed):
     rng = np.random.default_rng(seed)
@@ -137,6 +138,7 @@ def test_a_cloud_without_the_body_is_not_labelled(seed, n_points, n_targets, sig
     assert "units" in found.remedy
 
 
+@pytest.mark.slow
 def test_noise_as_coarse_as_the_spacing_costs_labels_but_not_their_truth():
     """Thirty targets of 0.3 m with 1 mm noise: neighbours come within reach of each other, and are then refused."""
     wrong = labelled = 0
@@ -182,6 +184,7 @@ def test_a_body_whose_targets_lie_on_a_line_is_labelled_by_its_spacing():
     assert label_points(moved(rng, even)[0], even, SIGMA).status == LabellingStatus.AMBIGUOUS
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_bodies_that_move_on_their_own_share_a_cloud_and_no_point(seed):
     rng = np.random.default_rng(seed)

@@ -96,6 +96,7 @@ def test_zeros_that_differ_between_runs_are_not_reported_as_exchanges() -> None:
     assert [(one.first, one.second, one.components) for one in found] == [(3, 40, (0, 1))]
 
 
+@pytest.mark.slow
 def test_many_rows_far_from_their_place_take_little_memory_and_what_was_left_out_is_counted() -> None:
     """Pairs of 1500 far rows, all off to the same side, are 1.1 million, 54 MB for each of the dozen arrays of them."""
     rng = np.random.default_rng(4)
@@ -183,6 +184,7 @@ def _bent(seed: int, products: float, cubes: float, rows: int = 240, signals: in
     return load_table(reported + 1e-3 * rng.normal(size=reported.shape), applied * RANGE, np.zeros(len(applied), int))
 
 
+@pytest.mark.slow
 def test_a_strongly_nonlinear_sensor_has_no_exchanged_rows():
     assert sum(len(exchanged_loads(_bent(seed, 2.0, 1.0))) for seed in range(8)) == 0
 

@@ -43,6 +43,7 @@ def test_one_axis_at_a_time_is_best_where_no_more_can_be_loaded():
     assert found.efficiency == pytest.approx(1.0, abs=1e-5)
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=15)
 def test_no_loads_within_the_limits_beat_the_bound_of_the_corners(seed):

@@ -96,6 +96,7 @@ def _diagnosed(seed: int, readings_then: NDArray) -> CauseDiagnosis:
     return search.run(list(catalogue_of_chains().values()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag_s", [0.02, -0.01])
 def test_a_lag_of_all_joints_is_the_one_name(lag_s: float) -> None:
     found = [v for v in _diagnosed(5, path(TIME + lag_s)).verdicts if v.verdict not in ("rejected", "not testable")]

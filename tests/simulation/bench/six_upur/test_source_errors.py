@@ -34,6 +34,7 @@ def test_shares_add_up_to_all() -> None:
     np.testing.assert_allclose(one.shares[-1], 1.0)
 
 
+@pytest.mark.slow
 def test_the_band_of_a_hundred_samples_covers_the_first_order_19_times_of_20() -> None:
     covered = [
         (one.band.low <= one.first_order) & (one.first_order <= one.band.high) for one in map(_seeded, range(12))

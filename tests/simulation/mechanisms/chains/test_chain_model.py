@@ -216,6 +216,7 @@ def test_waits_and_steps_are_those_of_the_movement_before() -> None:
     assert found["approach"][:, 0].tolist() == [1.0, 1.0, 1.0, 1.0, -1.0]
 
 
+@pytest.mark.slow
 def test_a_gear_error_of_any_order_is_found_with_its_order() -> None:
     hidden = Effect(JointHarmonic("j2", order=73.4), np.array([8e-5, -6e-5]))
     diagnosis = diagnosed([hidden], 6, gears=True)

@@ -122,6 +122,7 @@ def test_a_factor_whose_plain_form_fails_is_refused_and_not_chosen_again(monkeyp
     assert not [v for v in found.verdicts if v.verdict == "found" and v.cause.catalogued]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4])
 def test_masses_in_pounds_are_named_after_a_plain_compliance_was_accepted(
     seed: int, monkeypatch: pytest.MonkeyPatch
