@@ -52,7 +52,7 @@ def diagnosis_data_of(plan: Plan, tables: Mapping[str, pa.Table], settings: Camp
 def expected_sights(plan: Plan, data: DiagnosisData, settings: Campaign) -> list[EffectSensitivity]:
     """Yield the expected detectability of each kind of effect in a drawn campaign without effects."""
     from truing.inference.fitter import Fitter
-    from truing.inference.search import search_of
+    from truing.inference.search_candidates import search_of
 
     kinds, rule = searched_causes(plan, settings)
     fitter = Fitter(data.model, data.calibration, data.held_out, settings.diagnosis.seed)

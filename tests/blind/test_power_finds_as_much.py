@@ -20,7 +20,7 @@ from tests.blind.judging import UNLUCKY
 from tests.blind.two_rates import Pair, unlike
 from truing.inference.detectable import effect_sensitivities
 from truing.inference.fitter import Fitter
-from truing.inference.search import search_of
+from truing.inference.search_candidates import search_of
 from truing.inference.selection import CauseSelection
 from truing.inference.verdicts import FOUND
 from truing.schemas.campaign import Campaign

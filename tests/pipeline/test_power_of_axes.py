@@ -75,8 +75,8 @@ def test_twice_the_cycles_lower_every_detectable_size_by_the_square_root_of_two(
 
 
 def test_half_the_noise_halves_every_detectable_size_but_for_the_odds_that_a_found_effect_needs(tmp_path: Path) -> None:
-    """Twice the precision doubles the number of sizes that an effect may have: its odds fall by log 2 for each of its
-    two parameters at most, so that a found one needs up to 4 log 2 more in its squares, which are 25 or more."""
+    """Twice the precision doubles the number of sizes that an effect may have. Its odds fall by log 2 for each of its
+    two parameters at most. So a found one needs up to 4 log 2 more in its squares, which are 25 or more."""
     coarse, fine = planned(tmp_path / "coarse", commands()), planned(tmp_path / "fine", commands())
     text = (fine / "campaign.toml").read_text()
     (fine / "campaign.toml").write_text(text.replace("0.0005", "0.00025"))

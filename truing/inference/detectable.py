@@ -231,8 +231,8 @@ def _of_channel(family: ChannelFamily[CauseT], channel: int, rule: AcceptanceRul
 
 
 def _least_squares(strengths: Array, loadings: Array, freedom: float, prior: float, sizes: Sequence[float]) -> float:
-    """Return the reduction of the sum of squares, in units of the noise, from which on an effect has the least log odds
-    of a found one: the median over random patterns of its parameters."""
+    """Return the reduction of the sum of squares, in units of the noise, that gives the least log odds of a found
+    effect: the median over random patterns of its parameters."""
     signal = _patterns(len(loadings)) @ loadings * strengths
     direction = signal / np.maximum(np.linalg.norm(signal, axis=1, keepdims=True), _TINY)
     needed = _LEAST_LOG_ODDS - float(np.log(max(prior, _TINY)))

@@ -167,7 +167,7 @@ def _are_too_many(patterns: Sequence[MovedPattern], courses: Mapping[Inputs, Seq
     """Return True if products with all functions of the courses would take about a minute or more."""
     width = max(int(sum(np.count_nonzero(part) for part in pattern.pathways.values())) for pattern in patterns)
     functions = sum(functions_of_input.shape[1] for several in courses.values() for functions_of_input in several)
-    return len(patterns[0].course) * width**2 * functions > _MOST_PRODUCTS
+    return bool(len(patterns[0].course) * width**2 * functions > _MOST_PRODUCTS)
 
 
 def _with_varied(

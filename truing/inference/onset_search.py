@@ -14,7 +14,8 @@ import numpy as np
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT, Onsets
 from truing.inference.scores import Score, parts_of
-from truing.inference.search import CauseCandidate, Search, admissible, total_of
+from truing.inference.search import CauseCandidate, Search, total_of
+from truing.inference.search_candidates import admissible
 from truing.inference.signatures import signatures_of
 
 # Number of steps from one onset to the next; each step is divided anew.

@@ -29,17 +29,8 @@ from truing.inference.scores import (
     scores_of,
     squares_left,
 )
-from truing.inference.search import (
-    HIGHER_ORDER_SHARE,
-    CandidateGroup,
-    CauseCandidate,
-    NullDistribution,
-    Search,
-    admissible,
-    candidate_of,
-    search_of,
-    total_of,
-)
+from truing.inference.search import CandidateGroup, CauseCandidate, NullDistribution, Search, total_of
+from truing.inference.search_candidates import HIGHER_ORDER_SHARE, admissible, candidate_of, search_of
 from truing.inference.signatures import Pathways, Signature, joint, signature
 
 # Number of the most probable candidates that are tried in pairs, and of those of one kind.

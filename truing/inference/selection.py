@@ -222,8 +222,9 @@ class CauseSelection(Generic[CauseT]):
 
         Others may scatter as declared where the noise is largest. Observations were weighted by all of them, so the
         declared noise is without these weights."""
-        weights = np.prod([dependence.factor for dependence in dependences], axis=0)
-        declared = self._search.fitter.declared / weights[..., None, None] ** 2 if dependences else None
+        declared = self._search.fitter.declared
+        for dependence in dependences:
+            declared = declared / dependence.factor[..., None, None] ** 2
         for dependence in dependences:
             level = noise_level(final.fit.whitened, final.measured, declared, dependence.factor > 1.0)
             if level.p_value <= self._search.settings.noise_level:

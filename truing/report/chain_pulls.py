@@ -59,8 +59,8 @@ def chain_pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 
 def _far_numbers(numbers: pd.DataFrame) -> _Far | None:
-    """Return the number with the largest pull, and those that the data cannot distinguish from it, if it is farther
-    from nominal than its tolerance allows; None otherwise."""
+    """Return the number with the largest pull, if its tolerance does not allow that, and those that the data cannot
+    distinguish from it; None otherwise."""
     from scipy.special import chdtrc
 
     known = numbers[numbers["pull"].notna() & (numbers["sigma"] < _INFORMED * numbers["tolerance"])]
