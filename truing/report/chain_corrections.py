@@ -17,10 +17,10 @@ from truing.schemas.verdict import ReasonCode
 
 _CLEAR = 5.0  # standard deviations: of a hundred numbers, chance passes it once in 17,000 campaigns
 _NAMED = 3
-_NAMES = {"offset": "zero"}
-_NAMES |= {f"d{axis}": f"shift along {axis} of the frame" for axis in "xyz"}
-_NAMES |= {f"turn_{axis}": f"rotation about {axis} of the frame" for axis in "xyz"}
-_DEGREES = {"rad": (180.0 / math.pi, "deg")}
+NAMES = {"offset": "zero"}
+NAMES |= {f"d{axis}": f"shift along {axis} of the frame" for axis in "xyz"}
+NAMES |= {f"turn_{axis}": f"rotation about {axis} of the frame" for axis in "xyz"}
+DEGREES = {"rad": (180.0 / math.pi, "deg")}
 
 
 def estimates_zeros(tables: Tables) -> bool:
@@ -91,7 +91,7 @@ def nominal_errors(tables: Tables) -> NominalErrors | None:
 
 
 def _number(row: pd.Series) -> str:
-    factor, unit = _DEGREES.get(row["unit"], (1.0, row["unit"]))
-    name = _NAMES.get(row["parameter"], row["parameter"])
+    factor, unit = DEGREES.get(row["unit"], (1.0, row["unit"]))
+    name = NAMES.get(row["parameter"], row["parameter"])
     size = with_uncertainty(factor * row["identified"], factor * row["sigma"])
     return f"{name} of {row['joint']} {size} {unit}"

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from truing.belonging.relation import RelationState
+from truing.report.chain_corrections import DEGREES, NAMES
 from truing.report.numbers import listed, p_equals, rough, with_uncertainty
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Row, Tables, table_or_none
@@ -19,8 +20,6 @@ _FAR = 0.01  # p-value, corrected for all numbers, below which a single one is o
 _AS_LIKELY = 10.0  # difference of squared pulls up to which two numbers explain the rest as well: odds of 150 to 1
 _NAMED = 3
 _INFORMED = 0.95  # standard deviation in tolerances below which the data say something about a number
-# Angles are printed in degrees.
-_UNITS = {"rad": (180.0 / math.pi, "deg")}
 
 
 @dataclass(frozen=True)
@@ -41,18 +40,18 @@ def chain_pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         text = "Pulls not tested: the data determine no number of the chain better than its tolerance."
         return SectionVerdict("pulls", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     size, limit = (math.sqrt(squares / last.freedom) for squares in (last.chi_square, last.upper))
-    text = f"Pulls of the chain's numbers: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
-    text += f"{rough(limit)} (p {p_equals(last.p_value)})."
+    pulls = f"Pulls of the chain's numbers: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
+    pulls += f"{rough(limit)} (p {p_equals(last.p_value)})."
     far = _far_numbers(numbers)
     is_beyond = last.chi_square > last.upper
     if far is None and not is_beyond:
-        text += " The chain agrees with its description within the tolerances."
+        text = f"The chain agrees with its description within the tolerances. {pulls}"
         return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, text, size, "1", limit)
     if far is not None:
-        text += f" The description does not fit the machine: {_meant(far)}"
+        text = f"The description does not fit the machine: {_meant(far)} {pulls}"
     else:
-        text += " Numbers are farther from nominal than tolerances allow: tolerances are too small, or a cause is"
-        text += " missing."
+        text = "Numbers of the chain are farther from nominal than tolerances allow: tolerances are too small, or a "
+        text += f"cause is missing. {pulls}"
     least = min(last.p_value if is_beyond else 1.0, 1.0 if far is None else far.p_value)
     state = RelationState.FAILS if least < _UNLIKELY else RelationState.ATTENTION
     return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, size, "1", limit)
@@ -82,8 +81,8 @@ def _meant(far: _Far) -> str:
 
 
 def _other(row: Row) -> str:
-    """Return a number with its difference from nominal: ``dz of joint elbow larger by 5.157 ± 0.008 mm``."""
-    factor, unit = _UNITS.get(row.unit, (1.0, row.unit))
-    direction = "larger" if row.identified > 0.0 else "smaller"
+    """Return a difference from nominal: ``5.157 ± 0.008 mm more for the shift along z of the frame of elbow``."""
+    factor, unit = DEGREES.get(row.unit, (1.0, row.unit))
     size = with_uncertainty(factor * abs(row.identified), factor * row.sigma, unit)
-    return f"{row.parameter} of joint {row.joint} {direction} by {size}"
+    name = NAMES.get(row.parameter, row.parameter)
+    return f"{size} {'more' if row.identified > 0.0 else 'less'} for the {name} of {row.joint}"
