@@ -132,8 +132,9 @@ class CauseSelection(Generic[CauseT]):
 
     def run(self, kinds: Sequence[CauseT]) -> CauseDiagnosis[CauseT]:
         """Return the diagnosis over all kinds of cause of a catalogue."""
-        accounted, verdicts = self._paying(self._accounted(kinds), kinds)
-        searched = accounted.searched
+        accounted = self._accounted(kinds)
+        searched, verdicts = SearchVerdicts(self._search).paying(accounted.searched, kinds)
+        accounted = replace(accounted, searched=searched)
         left = self._left(accounted)
         holds, is_named = left.holds, accounted.is_named(left.larger)
         outdone, courses = outdone_causes(self._search, searched, verdicts, compares_courses=holds and is_named)
@@ -158,21 +159,6 @@ class CauseSelection(Generic[CauseT]):
         if not holds:
             verdicts = [_with_confirmed_inputs(verdict, searched.final, attributions) for verdict in verdicts]
         return self._diagnosis(kinds, accounted, left, verdicts, doubt, attribution)
-
-    def _paying(
-        self, accounted: _Accounted[CauseT], kinds: Sequence[CauseT]
-    ) -> tuple[_Accounted[CauseT], list[Verdict[CauseT]]]:
-        """Return the search without the accepted causes that do not pay, and all verdicts. Such a cause may have
-        absorbed scatter of inputs: what scatters without it is accounted for in a new search."""
-        searched, verdicts = SearchVerdicts(self._search).paying(accounted.searched, kinds)
-        is_reduced = len(searched.kept) < len(accounted.searched.kept)
-        if is_reduced and not accounted.scatters and (scatter := self._noise.scatter(searched.final, kinds)):
-            first = self._search.first_round(kinds)
-            again, scatters = self._searched_with_scatter(kinds, first, scatter)
-            if scatters:
-                accounted = replace(accounted, searched=again, scatters=scatters)
-                searched, verdicts = SearchVerdicts(self._search).paying(again, kinds)
-        return replace(accounted, searched=searched), verdicts
 
     def _accounted(self, kinds: Sequence[CauseT]) -> _Accounted[CauseT]:
         """Return the search after noise that depends on something, and inputs that scatter, are accounted for."""
