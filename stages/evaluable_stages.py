@@ -104,7 +104,7 @@ def prospects(settings: Campaign, contents: CampaignContents) -> Iterator[Prospe
     for stage, why_not in (
         ("deformation", _deformation(settings, contents)),
         ("diagnose", _diagnosis(settings, contents)),
-        ("calibrate", why_no_calibration(settings.mechanism, contents.tables) or _too_few(contents)),
+        ("calibrate", why_no_calibration(settings.mechanism, contents.tables, contents.targets) or _too_few(contents)),
     ):
         perhaps = _ADJUSTED if stage == "diagnose" and contents.is_photographed else ""
         needs_body = stage == "deformation" or not _needs_no_body(settings, contents)

@@ -71,7 +71,8 @@ _DEFORMATION["in-plane"] = "matrix deformation along z, x and y"
 
 def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit every model that the mechanism allows, choose one, and determine the observability."""
-    if why := why_no_calibration(settings.mechanism, tables):
+    bodies = tables["observations"]["body"].unique().to_pylist() if "observations" in tables else []
+    if why := why_no_calibration(settings.mechanism, tables, bodies):
         return with_component_requirements(nothing_calibrated(why), tables, settings, incomplete_picture(tables))
     try:
         data = assemble(tables, settings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
@@ -72,6 +72,8 @@ _OF_PREDICTIONS = {
     "configurations": "the actuators' readings (configurations)",
 }
 
+_LEGGED = frozenset({"base", "platform"})  # bodies in whose frames the legs are known
+
 
 def why_no_diagnosis_of_mechanism(mechanism: Any, point_mm: float | None, tables: Mapping[str, pa.Table]) -> str:
     """Reason why points cannot be compared with the prediction from readings; else empty."""
@@ -96,13 +98,18 @@ def why_too_few_determined(fitted: int) -> str:
     return "" if fitted >= LEAST_POSES else f"needs at least {LEAST_POSES} poses that determine a body, found {fitted}"
 
 
-def why_no_calibration(mechanism: MechanismSection, tables: Mapping[str, pa.Table]) -> str:
-    """Reason why no machine can be calibrated; else empty."""
+def why_no_calibration(
+    mechanism: MechanismSection, tables: Mapping[str, pa.Table], bodies_of_points: Collection[object]
+) -> str:
+    """Reason why no machine can be calibrated; else empty. ``bodies_of_points``: bodies whose points were measured."""
     if mechanism.type in NO_CALIBRATION:
         return NO_CALIBRATION[mechanism.type]
     if not mechanism.is_legged:
         return f"[mechanism] type {mechanism.type} has no legs, so readings give no pose of a platform"
-    return "" if "configurations" in tables else "needs the actuators' readings (configurations)"
+    # Poses that were measured as such are in the frames of the legs.
+    needed = _OF_PREDICTIONS if not _LEGGED.isdisjoint(bodies_of_points) else ["configurations"]
+    lacking = [_OF_PREDICTIONS[name] for name in needed if name not in tables]
+    return f"needs {' and '.join(lacking)}" if lacking else ""
 
 
 def why_too_few_poses(fitted: int) -> str:
