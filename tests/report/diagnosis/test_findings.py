@@ -46,7 +46,8 @@ def test_other_inputs_that_the_data_leave_open_are_reported_with_their_odds():
 
 def test_other_subjects_that_the_data_leave_open_are_reported_with_their_odds():
     text = explanation(replace(FACTS, subjects=(("", 1.24), ("leg2 leg5", 6.0), ("target P07", 0.9))))
-    assert text.startswith(explanation(FACTS))
+    assert text.startswith(explanation(FACTS).replace("The data show that", "Most probably,"))
+    assert explanation(replace(FACTS, subjects=(("", 12.0),))).startswith(explanation(FACTS))
     assert_says(text, "odds", "all legs (1.2 to 1)", "legs 2 and 5 (6.0 to 1)", "target P07 (1.0 to 1)")
     whole = explanation(replace(FACTS, subject="body frame", subjects=(("", 2.0),)))
     assert_says(whole, "odds", "the whole machine (2.0 to 1)")

@@ -177,7 +177,7 @@ def test_nothing_found_is_no_pass_where_predictions_miss_by_more_than_noise():
     beyond = [{**one, "noise_floor": 5.2} for one in rejected()]
     mark, text = first_line(rows(*beyond))
     assert mark == "warn"
-    assert_says(text, "rms error", "predictions", "7.4 µm", "noise", "5.2 µm")
+    assert_says(text, "rms error", "calibration poses", "7.4 µm", "noise", "5.2 µm")
     assert "agree" not in text
     assert "agree" not in diagnosis(diagnosis_tables(rows(*beyond))).lead
 

@@ -176,8 +176,8 @@ def test_errors_beyond_noise_are_next_to_tests_that_all_passed() -> None:
     text, unsaid = adequacy_section(far), adequacy_section(near)
     assert text is not None
     assert unsaid is not None
-    assert_says(text.lead, "none finds more than noise", "error of predictions", "times")
-    assert "predictions" not in unsaid.lead
+    assert_says(text.lead, "none finds more than noise", "rms error", "held-out poses", "times")
+    assert "rms error" not in unsaid.lead
 
 
 def test_noise_that_was_found_asks_for_repeats_once() -> None:
