@@ -141,8 +141,10 @@ def bodies_and_targets(names: Sequence[str]) -> MappingKeys:
 
 
 def numbers_beside(names: Sequence[str], expression: str) -> str:
-    """Words with numbers in which names differ next to the target that ``expression`` takes from them, such as
-    ``step 5, step 10`` of ``step_5deg`` and ``step_10deg``; empty without such."""
+    """Words with numbers in which names differ next to the target that ``expression`` takes from them.
+
+    Such as ``step 5, step 10`` of ``step_5deg`` and ``step_10deg``; empty without such.
+    """
     if "(?P<target>" not in expression or "(?P<pose>" in expression:
         return ""
     rests = [_ENDING.sub("", name[match.end("target") :]) for name in names if (match := re.search(expression, name))]
