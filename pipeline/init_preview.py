@@ -100,6 +100,26 @@ def batches(
     yield from (batch for _, batch in read)
 
 
+def named_cells(
+    folder: Path, path: Path, table: str, kind: str, mapping: Mapping[str, object], names: Sequence[str], most: int
+) -> list[tuple[str, ...]] | None:
+    """Return the cells of some columns of a file, row by row, empty where it lacks one; None if it cannot be read, or
+    has more than ``most`` rows."""
+    rows = list[tuple[str, ...]]()
+    try:
+        for batch in batches(folder, path, table, kind, mapping):
+            texts = [
+                map(str, batch.columns[name].to_pylist()) if name in batch.columns else [""] * batch.rows
+                for name in names
+            ]
+            rows.extend(zip(*texts, strict=True))
+            if len(rows) > most:
+                return None
+    except CampaignFaults:
+        return None
+    return rows
+
+
 def _rows_to_show(batch: TableBatch) -> list[int]:
     """First rows of a batch; the first of each body where there are several."""
     if "body" not in batch.columns:

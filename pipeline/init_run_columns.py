@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truing.pipeline.init_preview import batches
-from truing.schemas.faults import CampaignFaults
+from truing.pipeline.init_preview import named_cells
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess, MappingKeys
@@ -51,17 +50,8 @@ def _taken_from(mapping: MappingKeys, name: str) -> MappingKeys:
 
 def _runs_apart(folder: Path, path: Path, mapping: MappingKeys) -> bool | None:
     """True if every run, target, direction and cycle is there once, in a few runs; None if the file is not read."""
-    rows = list[tuple[str, ...]]()
-    try:
-        for batch in batches(folder, path, "positioning", "interferometer", mapping):
-            cells = [
-                map(str, batch.columns[name].to_pylist()) if name in batch.columns else [""] * batch.rows
-                for name in _KEYS
-            ]
-            rows.extend(zip(*cells, strict=True))
-            if len(rows) > _MOST_ROWS:
-                return None
-    except CampaignFaults:
+    rows = named_cells(folder, path, "positioning", "interferometer", mapping, _KEYS, _MOST_ROWS)
+    if not rows:
         return None
     is_few = len({row[0] for row in rows}) <= _MOST_RUNS
-    return None if not rows else is_few and len(set(rows)) == len(rows)
+    return is_few and len(set(rows)) == len(rows)

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truing.pipeline.init_preview import batches
-from truing.schemas.faults import CampaignFaults
+from truing.pipeline.init_preview import named_cells
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
@@ -88,21 +87,12 @@ _FIXED = ("join", "constants", "rename", "offset")
 
 
 def _run(folder: Path, path: Path, guess: Guess) -> _RunFile | None:
-    rows = set[tuple[str, ...]]()
-    names = _KEYS[str(guess.table)]
-    try:
-        for batch in batches(folder, path, str(guess.table), "photogrammetry", guess.mapping):
-            texts = [
-                map(str, batch.columns[name].to_pylist()) if name in batch.columns else [""] * batch.rows
-                for name in names
-            ]
-            rows.update(zip(*texts, strict=True))
-            if len(rows) > _MOST_ROWS:
-                return None
-    except CampaignFaults:
+    table = str(guess.table)
+    rows = named_cells(folder, path, table, "photogrammetry", guess.mapping, _KEYS[table], _MOST_ROWS)
+    if not rows:
         return None
     poses = {row[0] for row in rows}
-    if not rows or not all(re.fullmatch(r"\d+", pose) for pose in poses):
+    if not all(re.fullmatch(r"\d+", pose) for pose in poses):
         return None
     return _RunFile(path.name, frozenset(rows), frozenset(map(int, poses)))
 

@@ -4,30 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import pandas as pd
 
 from truing.belonging.relation import RelationState
 from truing.report.chain_corrections import DEGREES, NAMES
+from truing.report.far_numbers import UNLIKELY, FarNumber, far_number
 from truing.report.numbers import listed, p_equals, rough, with_uncertainty
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Row, Tables, table_or_none
 from truing.schemas.verdict import ReasonCode
 
-_UNLIKELY = 1e-3  # p-value below which pulls fail
-_FAR = 0.01  # p-value, corrected for all numbers, below which a single one is off
-_AS_LIKELY = 10.0  # difference of squared pulls up to which two numbers explain the rest as well: odds of 150 to 1
-_NAMED = 3
 _INFORMED = 0.95  # standard deviation in tolerances below which the data say something about a number
-
-
-@dataclass(frozen=True)
-class _Far:
-    """Numbers that are farthest from nominal, and the probability of as large an error, corrected for all numbers."""
-
-    rows: tuple[Row, ...]
-    p_value: float
 
 
 def chain_pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -42,7 +30,7 @@ def chain_pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     size, limit = (math.sqrt(squares / last.freedom) for squares in (last.chi_square, last.upper))
     pulls = f"Pulls of the chain's numbers: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
     pulls += f"{rough(limit)} (p {p_equals(last.p_value)})."
-    far = _far_numbers(numbers)
+    far = far_number(_informed(numbers), "squares")
     is_beyond = last.chi_square > last.upper
     if far is None and not is_beyond:
         text = f"The chain agrees with its description within the tolerances. {pulls}"
@@ -53,28 +41,17 @@ def chain_pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         text = "Numbers of the chain are farther from nominal than tolerances allow: tolerances are too small, or a "
         text += f"cause is missing. {pulls}"
     least = min(last.p_value if is_beyond else 1.0, 1.0 if far is None else far.p_value)
-    state = RelationState.FAILS if least < _UNLIKELY else RelationState.ATTENTION
+    state = RelationState.FAILS if least < UNLIKELY else RelationState.ATTENTION
     return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, size, "1", limit)
 
 
-def _far_numbers(numbers: pd.DataFrame) -> _Far | None:
-    """Return the number with the largest pull, if its tolerance does not allow that, and those that the data cannot
-    distinguish from it; None otherwise."""
-    from scipy.special import chdtrc
-
+def _informed(numbers: pd.DataFrame) -> pd.DataFrame:
+    """Return the numbers that the data know better than their tolerances, with squared pulls."""
     known = numbers[numbers["pull"].notna() & (numbers["sigma"] < _INFORMED * numbers["tolerance"])]
-    known = known.assign(squares=known["pull"] ** 2).sort_values("squares", ascending=False, kind="stable")
-    if not len(known):
-        return None
-    first, *others = known.itertuples()
-    p_value = min(1.0, len(known) * float(chdtrc(1, first.squares)))
-    if p_value >= _FAR:
-        return None
-    near = [row for row in others if first.squares - row.squares < _AS_LIKELY]
-    return _Far((first, *near[:_NAMED]), p_value)
+    return known.assign(squares=known["pull"] ** 2)
 
 
-def _meant(far: _Far) -> str:
+def _meant(far: FarNumber) -> str:
     first, *others = map(_other, far.rows)
     text = f"did you mean {first}?"
     return f"{text} Equally likely: {listed(others)}." if others else text

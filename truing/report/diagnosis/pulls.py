@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from truing.belonging.relation import RelationState
 from truing.report.column_heads import FREEDOM, PARAMETER, UNIT, Head, P
 from truing.report.diagnosis.prediction_errors import PartNames, part_names
+from truing.report.far_numbers import UNLIKELY, FarNumber, far_number, likeliest_numbers
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
 from truing.report.numbers import count_text, p_equals, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, ReportSection
@@ -28,10 +28,7 @@ _COLUMNS = {"pull_before": "without the causes", "pull_after": "with the causes"
 # Larger pulls are drawn at the edge, so that the others stay visible.
 _CLIPPED = 25.0
 _BAND = 1.96
-_AS_LIKELY = 10.0  # difference of squared pulls up to which two numbers explain the rest as well: odds of 150 to 1
 _NEARLY_ALL = 0.8  # share of the squares of all pulls
-_UNLIKELY = 1e-3  # p-value below which pulls fail
-_FAR = 0.01  # p-value, corrected for all numbers, below which a single one is off
 _LOOK = ((ORANGE, "circle-open", -0.16), (BLUE, "circle", 0.16))
 # Most kinds of parameter on the axis; K has a kind per column.
 _KINDS = 40
@@ -86,45 +83,18 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
     text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_one_number(table, last) or _verdict(last, parts, table)}"
     if last.chi_square <= last.upper:
         if (far := _far_number(table)) is not None:
-            state = RelationState.FAILS if far.p_value < _UNLIKELY else RelationState.ATTENTION
+            state = RelationState.FAILS if far.p_value < UNLIKELY else RelationState.ATTENTION
             return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, far.pull, "1", far.limit)
         return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, text, size, "1", limit)
-    state = RelationState.FAILS if last.p_value < _UNLIKELY else RelationState.ATTENTION
+    state = RelationState.FAILS if last.p_value < UNLIKELY else RelationState.ATTENTION
     return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, size, "1", limit)
 
 
-@dataclass(frozen=True)
-class _FarNumber:
-    """The number whose error alone takes most from the squares of all pulls, with numbers that take nearly as much.
-
-    ``p_value``: of as large an error, corrected for all ``tried`` numbers; ``limit``: pull that is significant.
-    """
-
-    rows: tuple[Row, ...]
-    tried: int
-    p_value: float
-    pull: float
-    limit: float
-
-
-def _far_number(table: pd.DataFrame | None) -> _FarNumber | None:
-    """Return the number that is off by more than its tolerance allows; None where none is. The sum of all squares
-    shows one among dozens of good ones only if it is far larger."""
-    from scipy.special import chdtrc, chdtri
-
+def _far_number(table: pd.DataFrame | None) -> FarNumber | None:
+    """Return the number that is off by more than its tolerance allows; None where none is."""
     if table is None or "offset_after" not in table:
         return None
-    informed = table[table["offset_after"].notna()].sort_values("explained_after", ascending=False)
-    if not len(informed):
-        return None
-    first, *candidates = informed.itertuples()
-    p_of_one = min(1.0, len(informed) * float(chdtrc(1, first.explained_after)))
-    if p_of_one >= _FAR:
-        return None
-    near = [candidate for candidate in candidates if first.explained_after - candidate.explained_after < _AS_LIKELY]
-    limit = math.sqrt(float(chdtri(1, _FAR / len(informed))))
-    pull = math.sqrt(first.explained_after)
-    return _FarNumber((first, *near[:_NAMED]), len(informed), p_of_one, pull, limit)
+    return far_number(table[table["offset_after"].notna()], "explained_after")
 
 
 def _one_number(table: pd.DataFrame | None, last: Row) -> str:
@@ -134,17 +104,14 @@ def _one_number(table: pd.DataFrame | None, last: Row) -> str:
         return ""
     known = table[table["identifiable"].astype(bool)]
     # Two numbers may share one that the data determine, such as a length and a height: neither is identifiable.
-    informed = table[table["offset_after"].notna()].sort_values("explained_after", ascending=False)
+    informed = table[table["offset_after"].notna()]
     if not len(informed):
         return _one_leg(known) if len(known) else ""
-    left = last.chi_square - float(informed["explained_after"].iloc[0])
+    left = last.chi_square - float(informed["explained_after"].max())
     if known["offset_after"].isna().any() or not 0.0 <= left <= last.upper:
         return _one_leg(known)
-    first, *candidates = informed.itertuples()
-    near = [candidate for candidate in candidates if first.explained_after - candidate.explained_after < _AS_LIKELY][
-        :_NAMED
-    ]
-    return f"The description does not fit the machine: one wrong number explains it. {_meant((first, *near))}"
+    meant = _meant(likeliest_numbers(informed, "explained_after"))
+    return f"The description does not fit the machine: one wrong number explains it. {meant}"
 
 
 def _meant(rows: Sequence[Row]) -> str:
