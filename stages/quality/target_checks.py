@@ -38,6 +38,7 @@ from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check,
 from truing.stages.quality.unit_slips import IMPLAUSIBLE_RATIO, unit_slip
 
 _EITHER_SIDE = 3  # poses before and after a step
+_OFTEN = 0.1  # share of a target's readings, far above that of ordinary gross errors
 _STAYS, _FEWEST_AROUND = 0.75, 5  # share of poses by which gross errors stay from one on; poses on either side
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
@@ -152,12 +153,13 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     poses = [pose for pose, is_framed in zip(body.points.poses, body.framed, strict=True) if is_framed]
     count, row = gross_error_count(int(gross.sum()), seen), limits.of("gross-errors")
     since = _since(poses, np.any(gross, 1))
+    is_observed = body.points.is_observed[body.framed]
     if (
         not since
         and row.verdict(share) != PASS
-        and (whole := _of_whole_poses(gross, body.points.is_observed[body.framed]))
+        and (where := _of_whole_poses(gross, is_observed) or _of_few_targets(gross, is_observed))
     ):
-        count, since = f"{int(gross.sum())} of {seen} readings are as far off as gross errors", whole
+        count, since = f"{int(gross.sum())} of {seen} readings are as far off as gross errors", where
     yield row.row(body.name, share, "1", f"{body.name}: {count}{tail}{since}.")
 
 
@@ -174,6 +176,21 @@ def _of_whole_poses(gross: Mask, is_observed: Mask) -> str:
         return ""
     where = f"{of_whole} of them in {int(whole.sum())} of {len(gross)} poses in which most targets are off"
     return f"; {where}: these poses as a whole may be noisier, as by vibration"
+
+
+def _of_few_targets(gross: Mask, is_observed: Mask) -> str:
+    """Return that most of many gross errors (B, T) are of the same few targets; else empty.
+
+    Gross errors meet any target. Targets that are often off may be loose, or sit where the body deforms.
+    """
+    counts = gross.sum(axis=0)
+    often = (counts >= _FEWEST_AROUND) & (counts > _OFTEN * is_observed.sum(axis=0))
+    of_them = int(counts[often].sum())
+    if 2 * often.sum() > len(often) or 2 * of_them <= gross.sum():
+        return ""
+    where = f"{of_them} of them at {int(often.sum())} of {len(often)} targets"
+    known = "targets at attachments: column leg of the survey"
+    return f"; {where}: these may be loose, or sit where the body deforms ({known})"
 
 
 def _since(poses: Sequence[int | str], is_affected: Mask) -> str:

@@ -252,6 +252,15 @@ def test_a_relation_is_tested_of_the_bodies_that_it_was_tested_of():
     assert_says(text, "Not tested", "(tool0)")
 
 
+@pytest.mark.parametrize(("state", "is_partial"), [("not tested", True), ("ok", False)])
+def test_the_head_says_which_relation_was_not_tested(state: str, is_partial: bool) -> None:
+    named = {"relation": ["copied-poses", "readings-against-poses"], "subject": ["", ""], "accepted": [None] * 2}
+    relations = pd.DataFrame(named | {"state": ["ok", state], "misfit": [0.0, np.nan]})
+    texts = [text for _, text in build_head("c", of(FOUND, belonging=relations)).verdicts]
+    assert any("Not tested: actuator readings" in text for text in texts) is is_partial
+    assert any(text.startswith("Other tests") and "belong together" in text for text in texts) is not is_partial
+
+
 def test_an_arm_whose_tool_has_one_target_loses_no_pose():
     fits = {"pose": [1, 1], "body": ["tool0", "base"], "method": "maximum_likelihood", "default": True}
     fits |= {"n_used": [1, 4], "status": ["too-few-points", "ok"]}

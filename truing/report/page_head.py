@@ -62,7 +62,20 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
             lines.append((verdict.mark, verdict.explanation))
         if verdict.section == "diagnosis":
             lines += details
-    return [*lines, *choice_verdicts(tables), *_passed_sections(section_verdicts)]
+    lines += choice_verdicts(tables)
+    if _has_untested_relation(tables):  # its own sentence names what was not tested
+        lines += [(one.mark, one.explanation) for one in section_verdicts if _is_passed_belonging(one)]
+        section_verdicts = [one for one in section_verdicts if not _is_passed_belonging(one)]
+    return [*lines, *_passed_sections(section_verdicts)]
+
+
+def _has_untested_relation(tables: Tables) -> bool:
+    relations = table_or_none(tables, "belonging")
+    return relations is not None and bool(relations["state"].eq(RelationState.NOT_TESTED.value).any())
+
+
+def _is_passed_belonging(verdict: SectionVerdict) -> bool:
+    return verdict.section == "belonging" and verdict.state == RelationState.OK
 
 
 _URGENCY = {RelationState.FAILS: 0, RelationState.ATTENTION: 1, RelationState.OK: 2, RelationState.NOT_TESTED: 3}

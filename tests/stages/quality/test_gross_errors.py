@@ -36,6 +36,15 @@ def test_gross_errors_that_come_and_go_name_no_pose(share: float) -> None:
     assert "moved or replaced" not in _message(gross)
 
 
+def test_many_gross_errors_of_one_target_are_reported_as_a_target_that_moves() -> None:
+    gross = np.zeros((POSES, TARGETS), bool)
+    gross[np.random.default_rng(5).permutation(POSES)[:16], 1] = True
+    gross[3, 0] = True
+    assert_says(_message(gross), "17 of 120 readings are as far off as gross errors", "16 of them at 1 of 3 targets")
+    anywhere = np.random.default_rng(6).random((POSES, TARGETS)) < 0.14
+    assert_says(_message(anywhere), "readings are gross errors")
+
+
 def test_many_gross_errors_of_whole_poses_are_reported_as_noisier_poses() -> None:
     gross = np.zeros((POSES, TARGETS), bool)
     gross[3::5] = True
