@@ -63,8 +63,11 @@ links: $(dev)
 	@$(MAKE) --no-print-directory setup
 	@$(VENV)/bin/truing run --only $@ "$$CAMPAIGN"
 
-# Python compiles a module when it is first imported; most of these modules never are.
+# pip compiles every module, the tests of others too, on one core: `compile` leaves those out and uses all cores.
+# A module left out is compiled at its first import, or, under PYTHONDONTWRITEBYTECODE, at each.
 install := $(python) -m pip install --quiet --no-compile --only-binary :all: --require-hashes
+compile = $(python) -m compileall -q -j 0 -x '/(tests|testing|validators|_vendor)/' \
+	$$($(python) -c 'import sysconfig; print(sysconfig.get_path("purelib"))') truing schemas stages pipeline
 
 # An environment is ready when its mark is there, and the mark carries a digest of all that the environment
 # was made from. `unfinished` stays behind where an installation was cut short: then it is made afresh.
@@ -75,6 +78,7 @@ $(runtime):
 	@if [ ! -x $(python) ]; then $(PYTHON) -m venv $(VENV); fi
 	$(install) -r requirements/runtime.txt
 	$(python) -m pip install --quiet --no-deps --no-build-isolation -e .
+	$(compile)
 	@rm -f $(VENV)/ready-* $(VENV)/unfinished && touch $@
 
 $(dev): $(runtime)
