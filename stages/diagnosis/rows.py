@@ -114,6 +114,8 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
     if verdict.inputs:
         claim = replace(claim, settings={**claim.settings, INSTEAD: [list(inputs) for inputs, _ in verdict.inputs]})
     fitted = with_fitted_settings(claim, reported_parameters(verdict, legs))
+    if verdict.verdict in ("found", "suspected"):
+        fitted = replace(fitted, is_negative=_is_negative(reported_parameters(verdict, legs)))
     facts = _facts(verdict, diagnosis, words, fitted)
     advice = words.next_measurement.get(cause.key) or confirming(fitted, cause.confirm)
     if verdict.course is not None and cause.key not in words.next_measurement:
@@ -241,6 +243,12 @@ def _claim(verdict: Verdict, legs: int) -> Claim:
         return claim
     clear = cause.narrowed(verdict.values, verdict.covariance, legs)
     return replace(claim, subject=clear.subject, follows=clear.inputs(legs))
+
+
+def _is_negative(reported: Mapping[str, Mapping[str, object]]) -> bool:
+    """True if all fitted sizes are."""
+    sizes = [entry["value"] for entry in reported.values() if isinstance(entry["value"], float)]
+    return bool(sizes) and max(sizes) < 0.0
 
 
 def with_fitted_settings(claim: Claim, reported: Mapping[str, Mapping[str, object]]) -> Claim:

@@ -31,6 +31,22 @@ def test_a_negative_backlash_is_no_backlash_but_one_that_is_compensated_too_much
     assert_says(leads, "leads its reading after each reversal", "compensated too much")
     assert "-" not in leads
     assert "has backlash" in lags
+    sizeless = clause(Claim(cause="joint-backlash", subject="joint j2", is_negative=True))
+    assert_says(sizeless, "leads its reading", "compensated too much")
+
+
+def test_a_deflection_against_the_declared_gravity_is_gravity_or_the_controller() -> None:
+    """A controller that corrects too much sag, and gravity from the other side, move a joint alike."""
+    gravity = CHAIN["gravity-direction"]
+    opposite, other = (
+        Claim(cause="gravity-direction", settings={"direction": way, "joints": ["j2"], "is_opposite": is_opposite})
+        for way, is_opposite in (("+z", True), ("-x", False))
+    )
+    assert_says(gravity.clause(opposite), "gravity along +z", "or the controller")
+    assert "controller" not in gravity.clause(other)
+    assert callable(gravity.advice)
+    assert_says(gravity.advice(opposite), "[mechanism]", "controller")
+    assert "controller" not in gravity.advice(other)
 
 
 @pytest.mark.parametrize(("cause", "subject"), [("base-drift", ""), ("base-jump", ""), ("tool-jump", "link tool0")])

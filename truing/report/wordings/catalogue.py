@@ -42,16 +42,19 @@ def _scale(claim: Claim) -> str:
     )
 
 
+_LEADS = "as if lost motion were compensated too much, or deviations had the opposite sign"
+
+
 def _lost_motion_clause(claim: Claim) -> str:
-    half = largest(claim.sizes_of("backlash"))
+    half, lost = largest(claim.sizes_of("backlash")), "motion is lost between motor and load"
+    leads = "after each reversal the load leads the motor"
     if half is None or half.number is None:
-        return "motion is lost between motor and load"
+        return f"{leads}, {_LEADS}" if claim.is_negative else lost
     full_width = replace(half, value=2.0 * abs(half.number), sigma=None if half.sigma is None else 2.0 * half.sigma)
     sizes = f"{size_in_words(positive(half))} to either side, {size_in_words(full_width)} between both"
     if half.number < 0.0:
-        reason = "as if lost motion were compensated too much, or deviations had the opposite sign"
-        return f"after each reversal the load leads the motor, by {sizes}, {reason}"
-    return f"motion is lost between motor and load, by {sizes}"
+        return f"{leads}, by {sizes}, {_LEADS}"
+    return f"{lost}, by {sizes}"
 
 
 def _shift(claim: Claim) -> str:

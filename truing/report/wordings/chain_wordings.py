@@ -69,7 +69,7 @@ def _gain(claim: Claim) -> str:
 def _backlash(claim: Claim) -> str:
     size, lags = largest_of_kind(claim, "backlash")
     sides = " to either side" if size else ""
-    if size and not lags:
+    if claim.is_negative or (size and not lags):
         reason = "as if backlash were compensated too much"
         return f"{_owner(claim)} leads its reading after each reversal{by_words(size)}{sides}, {reason}"
     return f"{_owner(claim)} has backlash{by_words(size)}{sides}"
@@ -108,9 +108,22 @@ def _other_gravity(claim: Claim) -> str:
         return "joints deflect as if gravity acted along another direction than declared"
     joints = listed([str(name) for name in claim.settings.get("joints") or ()])
     owner = f"of {joints} " if joints else ""
+    if claim.fact("is_opposite"):
+        return (
+            f"the deflection {owner}is opposite to the weight: either gravity acts along {direction} of the base (did "
+            f"you mean gravity along {direction}?), or the controller corrects more deflection than there is"
+        )
     return (
         f"the deflection {owner}follows weight along {direction} of the base, and not along the declared gravity (did "
         f"you mean gravity along {direction}?)"
+    )
+
+
+def _gravity_advice(claim: Claim) -> str:
+    corrected = " Check also whether the controller corrects deflections." if claim.fact("is_opposite") else ""
+    return (
+        "Check how the machine is mounted, and write the direction of gravity in the frame of its base to [mechanism]."
+        f"{corrected}"
     )
 
 
@@ -346,7 +359,7 @@ CHAIN = {
     "gravity-direction": Wording(
         "direction of gravity",
         _other_gravity,
-        "Check how the machine is mounted, and write the direction of gravity in the frame of its base to [mechanism].",
+        _gravity_advice,
     ),
     "weight-factor": Wording(
         "ratio of payload and masses",

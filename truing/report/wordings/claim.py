@@ -53,9 +53,9 @@ class Reach:
 class Claim:
     """One candidate cause from the tables.
 
-    ``settings``: fields of the cause, and the ``step`` of the chain at which it acts. ``words``: clause of a cause from
-    a package. ``largest_motion``, in ``unit``: largest change of any measured quantity; ``reach``: largest shift of the
-    attachments.
+    ``is_negative``: all fitted sizes are, for a clause that gives none of them. ``settings``: fields of the cause, and
+    the ``step`` of the chain at which it acts. ``words``: clause of a cause from a package. ``largest_motion``, in
+    ``unit``: largest change of any measured quantity; ``reach``: largest shift of the attachments.
     """
 
     cause: str
@@ -67,6 +67,7 @@ class Claim:
     largest_motion: float | None = None
     unit: str = ""
     reach: Reach | None = None
+    is_negative: bool = False
 
     def size(self, name: str) -> ParameterSize | None:
         """Return the parameter of that name."""

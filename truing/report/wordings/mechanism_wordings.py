@@ -135,7 +135,7 @@ def _zero_shift(claim: Claim) -> str:
 
 def _backlash(claim: Claim) -> str:
     sizes = claim.sizes_of("backlash")
-    leads = bool(sizes) and all((size.number or 0.0) < 0.0 for size in sizes)
+    leads = claim.is_negative or (bool(sizes) and all((size.number or 0.0) < 0.0 for size in sizes))
     size = by_most(replace(claim, sizes=tuple(map(positive, sizes))) if leads else claim, "backlash")
     sides = " to either side" if size else ""
     if leads:

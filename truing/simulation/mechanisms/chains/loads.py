@@ -170,13 +170,15 @@ class JointSag(JointCause):
 class GravityDirection(AssumedCentres):
     """Joints deflect under weight along another axis of the base than the declared gravity.
 
-    ``loads``: largest torque of each of the ``joints`` then, N m, or force, N; each has a compliance.
+    ``loads``: largest torque of each of the ``joints`` then, N m, or force, N; each has a compliance. ``is_opposite``:
+    the direction is against the declared one, so that a controller that corrects too much deflection acts alike.
     """
 
     direction: str = "-z"
     joints: tuple[str, ...] = ()
     are_angles: tuple[bool, ...] = ()
     loads: tuple[float, ...] = ()
+    is_opposite: bool = False
 
     id = "gravity-direction"
     lacking = Missing.WEIGHT
@@ -197,7 +199,8 @@ class GravityDirection(AssumedCentres):
         for name, down in _DIRECTIONS.items():
             if down @ declared > _SAME_WAY:
                 continue
-            single = list(self._of_single_joints(name, machine.under(down)))
+            towards = replace(self, direction=name, is_opposite=bool(down @ declared < -_SAME_WAY))
+            single = list(towards._of_single_joints(machine.under(down)))
             result += single
             if len(single) > 1:
                 result.append(
@@ -211,12 +214,12 @@ class GravityDirection(AssumedCentres):
                 )
         return result
 
-    def _of_single_joints(self, direction: str, machine: ChainInputs) -> Iterator[Self]:
+    def _of_single_joints(self, machine: ChainInputs) -> Iterator[Self]:
         for k, joint in enumerate(machine.tree.readings):
             torque, is_angle = machine.torque(k), bool(machine.tree.is_revolute[k])
             if np.ptp(torque) > _VARIES_LOAD * machine.largest_load(is_angle):
                 largest = float(np.abs(torque).max())
-                tilt = replace(self, direction=direction, joints=(joint,), are_angles=(is_angle,), loads=(largest,))
+                tilt = replace(self, joints=(joint,), are_angles=(is_angle,), loads=(largest,))
                 yield replace(tilt, centres_assumed=is_angle and carries_off_centre(machine, machine.tree.node_of(k)))
 
     def prior(self, scene: ChainScene) -> float:
