@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.sentences import assert_says
+from truing.report.wordings.catalogue import clause, confirming
 from truing.report.wordings.chain_wordings import CHAIN
 from truing.report.wordings.claim import Claim, ParameterSize
 
@@ -80,3 +81,14 @@ def test_no_advice_turns_a_slide(cause: str) -> None:
     )
     assert turns != slides
     assert not any(word in slides.lower() for word in ("turn", "angle", "degree", "level"))
+
+
+def test_a_load_of_weight_is_an_input_in_words() -> None:
+    claim = Claim(
+        cause="unexplained",
+        subject="joint j2",
+        follows=("torque_j2_nm",),
+        settings={"joint": "j2", "columns": ["torque_j2_nm"], "half_ranges": [30.0], "form": "polynomial"},
+    )
+    assert_says(clause(claim), "the torque of weight on j2")
+    assert_says(confirming(claim).words, "another payload")

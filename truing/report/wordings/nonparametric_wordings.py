@@ -12,6 +12,7 @@ from truing.schemas.covariates import own_name
 
 _PARTS = r"joint |leg\d"  # subjects whose errors move the observations in a direction of their own
 _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
+_WEIGHT = r"(torque|force)_(.+)_nm?"  # of weight on a joint
 _COLUMNS = {
     "temperature_c": "the temperature",
     "time_s": "time",
@@ -55,10 +56,16 @@ _WHOSE = {
 }
 
 
+def _of_weight(column: str) -> str:
+    """Return the load of weight on a joint in words, and any other column as it is."""
+    match = re.fullmatch(_WEIGHT, column)
+    return f"the {match[1]} of weight on {match[2]}" if match else column
+
+
 def columns_words(columns: tuple[str, ...]) -> str:
     """Return columns in words: ``actuator 2 and the temperature``, ``load fz``."""
     drives = [match[1] for c in columns if (match := re.fullmatch(_DRIVE, c))]
-    loads = [f"load {match[1]}" if (match := re.fullmatch(_LOAD, c)) else c for c in columns]
+    loads = [f"load {match[1]}" if (match := re.fullmatch(_LOAD, c)) else _of_weight(c) for c in columns]
     other_loads = [_COLUMNS.get(c, own_name(c)) for c in loads if not re.fullmatch(_DRIVE, c)]
     if len(drives) > 2:
         return joined_names(["the actuators", *other_loads])
@@ -122,7 +129,7 @@ def _column_words(column: str) -> str:
         return f"the displacement of actuator {drive[1]}"
     if load := re.fullmatch(_LOAD, column):
         return f"the load {load[1]}"
-    return _COLUMNS.get(column, own_name(column))
+    return _COLUMNS.get(column) or own_name(_of_weight(column))
 
 
 def product_words(names: Iterable[str]) -> str:
@@ -221,6 +228,8 @@ def _advice(claim: Claim) -> str:
         plural, singular = "commands", "command"
     if claim.fact("element") and set(claim.fact("columns") or ()) <= _OF_AXIS:
         return "Approach more commands, also between the present ones, five times from either side."
+    if all(re.fullmatch(_WEIGHT, column) for column in claim.fact("columns") or ("",)):
+        return "Repeat the same poses with another payload, everything else unchanged."
     if set(claim.fact("columns") or ()) <= OF_TIME:
         return f"Repeat some {plural} in another order, to see whether the effect depends on time or on the {singular}."
     return f"Repeat some {plural} with another value of {_inputs_in_words(claim)}, everything else unchanged."

@@ -34,6 +34,7 @@ from truing.simulation.mechanisms.chains.jumps import BaseJump, JointJump, ToolJ
 from truing.simulation.mechanisms.chains.link_causes import LinkBending, LinkGrowth
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.model import ChainModel
+from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 from truing.simulation.mechanisms.chains.settling import SIDE, JointSettling
 from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree
@@ -106,6 +107,14 @@ def test_a_wrong_direction_of_gravity_is_named() -> None:
     (cause,) = (v.cause for v in found.verdicts if v.verdict == "found")
     assert isinstance(cause, GravityDirection)
     assert (cause.direction, cause.joints) == ("-x", ("j2",))
+
+
+def test_a_deflection_that_is_not_in_proportion_to_the_load_is_no_compliance() -> None:
+    cubic = {"columns": ("torque_j2_nm",), "half_ranges": (42.0,), "degree": 3, "first": 3}
+    stiffening = NonparametricChainEffect(joint="j2", **cubic)
+    found = diagnosed([Effect(stiffening, np.array([6e-4]))], 4)
+    (cause,) = (v.cause for v in found.verdicts if v.verdict == "found")
+    assert (cause.subject, cause.inputs(0)) == ("joint j2", ("torque_j2_nm",))
 
 
 @pytest.mark.slow

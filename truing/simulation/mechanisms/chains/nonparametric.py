@@ -3,7 +3,8 @@
 The length of a link may depend on time: heat of motors that no recorded temperature shows. Its course alone resembles a
 joint that jumps or a target that moves.
 
-A joint may also depend on two readings, and on the history of its own: friction remembers turning points. Beyond the
+A joint may also depend on two readings, on the load of weight on it, and on the history of its own: friction remembers
+turning points. Beyond the
 inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
 determine no curve, and a continued one would predict other poses worse than none.
 A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two.
@@ -44,6 +45,7 @@ _OF_HISTORY, _OF_PLACE = 25.0, 6.0
 _MM = 1e-3
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 3e-4, 2e-4
 _SMOOTH, _WAVES_OF_TIME, _WAVES_OF_TRAVEL = (1, 2, 3), (2, 4, 8), (4, 8)
+_BEYOND_COMPLIANCE = (2, 3)  # in proportion to its load a joint is compliant
 # Degrees in the two inputs of a surface's terms, by their sum; all of sum 2, or of sum 3.
 _TERMS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 _SURFACES = 5, 9
@@ -99,8 +101,13 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         return LinkGrowth(link=self.length_of).shared_with(scene) if self.length_of else {}
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the columns, except times, that a prediction needs."""
-        return tuple(column for column in self.columns if column not in (TIME, ORDER))
+        """Return the columns, except times and the load, that a prediction needs."""
+        return tuple(column for column in self.columns if column not in (TIME, ORDER, self._load_column))
+
+    @property
+    def _load_column(self) -> str:
+        """Name of the load of weight on the joint, as among the inputs."""
+        return load_column(self.joint, self.is_angle)
 
     def candidates(self, scene: ChainScene) -> Sequence[NonparametricChainEffect]:
         """Return all dependences of all joints that moved, of measured links and of the base, for which there are
@@ -117,6 +124,10 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                 result += self._of(bare, _of_two(read), columns, len(machine.readings))
                 if MEMORY in machine.conditions.covariates:
                     result += self._of(bare, iter([((joint,), HISTORY, len(STOPS))]), columns, len(machine.readings))
+                if machine.gravity is not None and machine.load_varies(k):
+                    load = bare._load_column
+                    forms = (((load,), POLYNOMIAL, degree) for degree in _BEYOND_COMPLIANCE)
+                    result += self._of(bare, forms, {load: machine.torque(k)}, len(machine.readings))
         other_columns = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
         for link in ("", *_moving_links(machine)):
             result += self._of(
@@ -185,6 +196,9 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         reading = machine.tree.readings.index(self.joint)
         if self.form == HISTORY:
             return machine.of_joint(reading, machine.conditions.covariates[MEMORY][:, reading])
+        if self.columns == (self._load_column,):
+            load = machine.torque(reading)
+            return machine.of_joint(reading, self.basis(lambda column: load))
         return machine.of_joint(reading, self.basis(partial(_values_of, machine)))
 
     def twists(self, machine: ChainInputs) -> NDArray | None:
@@ -220,6 +234,11 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
 
     def _owners(self, legs: int) -> Sequence[str]:
         return ("",) if self.joint or self.length_of else [f"{name}_" for name in _OF_BASE]
+
+
+def load_column(joint: str, is_angle: bool) -> str:
+    """Name of the torque of weight about a joint, N m, or of its force along a slide, N, as an input."""
+    return f"torque_{joint}_nm" if is_angle else f"force_{joint}_n"
 
 
 def _of_joint(columns: dict[str, NDArray], joint_column: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
