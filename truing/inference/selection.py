@@ -87,16 +87,25 @@ class _Accounted(Generic[CauseT]):
     noise_dependences: Sequence[NoiseDependence]
     scatters: Sequence[FoundScatter[CauseT]]
 
+    @property
+    def has_names(self) -> bool:
+        """True if the search accepted a cause of the catalogue, which may have absorbed a part of an unknown effect."""
+        return any(step.cause.catalogued for step in self.searched.kept)
+
     def is_named(self, larger: Sequence[NoiseDependence]) -> bool:
         """Return False if the final model holds something without a name, of which any catalogued cause may be a part.
 
-        That is a nonparametric effect; noise ``larger`` than declared in several periods, or in one while inputs
-        scatter, because an unknown effect is then more likely; and larger noise that is not random.
+        That is a nonparametric effect, or noise that may be one.
         """
+        return self.is_random(larger) and all(cause.catalogued for cause in self.searched.final.causes)
+
+    def is_random(self, larger: Sequence[NoiseDependence]) -> bool:
+        """Return False if noise may be an unknown effect: it is ``larger`` than declared in several periods, or in one
+        while inputs scatter; or it is larger and not random."""
         periods = sum(entry.driver.cause is not None for entry in larger)
         few = periods < (1 if self.scatters else _SEVERAL_PERIODS)
         doubted = any(entry.doubt for entry in larger) or any(entry.doubt for entry in self.scatters)
-        return few and not doubted and all(cause.catalogued for cause in self.searched.final.causes)
+        return few and not doubted
 
 
 @dataclass(frozen=True)
@@ -138,7 +147,9 @@ class CauseSelection(Generic[CauseT]):
         left = self._left(accounted)
         holds, is_named = left.holds, accounted.is_named(left.larger)
         outdone, courses = outdone_causes(self._search, searched, verdicts, compares_courses=holds and is_named)
-        is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
+        # Where no name was accepted, the effects without a name leave nothing, and have inputs of their own.
+        is_clear = holds and (is_named or (accounted.is_random(left.larger) and not accounted.has_names))
+        is_clear &= not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attribution = (
             Attributions()
             if is_clear and searched.kept
