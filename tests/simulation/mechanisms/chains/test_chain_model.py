@@ -117,6 +117,15 @@ def test_a_deflection_that_is_not_in_proportion_to_the_load_is_no_compliance() -
     assert (cause.subject, cause.inputs(0)) == ("joint j2", ("torque_j2_nm",))
 
 
+def test_a_joint_that_follows_the_temperature_follows_no_joint_beyond_it() -> None:
+    """The tool, which j5 turns, moves by what j4 does: in its frame, residuals without the effect depend on j5."""
+    warm = {"columns": ("temperature_c",), "centres": (20.0,), "half_ranges": (2.0,)}
+    found = diagnosed([Effect(NonparametricChainEffect(joint="j4", **warm), np.array([1.5e-3]))], 4)
+    (cause,) = (v.cause for v in found.verdicts if v.verdict == "found")
+    assert (cause.subject, cause.inputs(0)) == ("joint j4", ("temperature_c",))
+    assert not found.attributed, "the effect explains all"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("first", "size"), [(1, 8e-4), (-1, 8e-4), (-1, -8e-4)])
 def test_the_unknown_direction_of_the_first_pose_bends_no_backlash(first: int, size: float) -> None:
