@@ -13,6 +13,7 @@ from truing.schemas.covariates import own_name
 _PARTS = r"joint |leg\d"  # subjects whose errors move the observations in a direction of their own
 _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
 _WEIGHT = r"(torque|force)_(.+)_nm?"  # of weight on a joint
+_APPROACH = r"approach_(.+)"  # of a joint
 _COLUMNS = {
     "temperature_c": "the temperature",
     "time_s": "time",
@@ -56,8 +57,10 @@ _WHOSE = {
 }
 
 
-def _of_weight(column: str) -> str:
-    """Return the load of weight on a joint in words, and any other column as it is."""
+def _of_joint(column: str) -> str:
+    """Return the load of weight on a joint, or its direction of approach, in words, and any other column as it is."""
+    if came := re.fullmatch(_APPROACH, column):
+        return f"the direction of approach of {came[1]}"
     match = re.fullmatch(_WEIGHT, column)
     return f"the {match[1]} of weight on {match[2]}" if match else column
 
@@ -65,7 +68,7 @@ def _of_weight(column: str) -> str:
 def columns_words(columns: tuple[str, ...]) -> str:
     """Return columns in words: ``actuator 2 and the temperature``, ``load fz``."""
     drives = [match[1] for c in columns if (match := re.fullmatch(_DRIVE, c))]
-    loads = [f"load {match[1]}" if (match := re.fullmatch(_LOAD, c)) else _of_weight(c) for c in columns]
+    loads = [f"load {match[1]}" if (match := re.fullmatch(_LOAD, c)) else _of_joint(c) for c in columns]
     other_loads = [_COLUMNS.get(c, own_name(c)) for c in loads if not re.fullmatch(_DRIVE, c)]
     if len(drives) > 2:
         return joined_names(["the actuators", *other_loads])
@@ -129,7 +132,7 @@ def _column_words(column: str) -> str:
         return f"the displacement of actuator {drive[1]}"
     if load := re.fullmatch(_LOAD, column):
         return f"the load {load[1]}"
-    return _COLUMNS.get(column) or own_name(_of_weight(column))
+    return _COLUMNS.get(column) or own_name(_of_joint(column))
 
 
 def product_words(names: Iterable[str]) -> str:

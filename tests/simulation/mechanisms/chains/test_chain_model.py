@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -117,6 +117,16 @@ def test_a_deflection_that_is_not_in_proportion_to_the_load_is_no_compliance() -
     assert (cause.subject, cause.inputs(0)) == ("joint j2", ("torque_j2_nm",))
 
 
+def test_a_delay_of_a_reading_is_no_backlash_where_the_speed_is_recorded() -> None:
+    speeds = {"speed_pct": np.random.default_rng(9).choice([10.0, 20.0, 40.0], 60)}
+    late = {"columns": ("speed_pct", "approach_j3"), "centres": (0.0, 0.0), "half_ranges": (40.0, 1.0)}
+    effect = Effect(NonparametricChainEffect(joint="j3", **late), np.array([8e-4]))
+    found = diagnosed([effect], 4, recorded=speeds)
+    (cause,) = (v.cause for v in found.verdicts if v.verdict == "found")
+    assert (cause.subject, cause.inputs(0)) == ("joint j3", ("speed_pct", "approach_j3"))
+    assert cause.needs(0) == ("speed_pct",), "the direction follows from the readings"
+
+
 def test_a_joint_that_follows_the_temperature_follows_no_joint_beyond_it() -> None:
     """The tool, which j5 turns, moves by what j4 does: in its frame, residuals without the effect depend on j5."""
     warm = {"columns": ("temperature_c",), "centres": (20.0,), "half_ranges": (2.0,)}
@@ -156,12 +166,15 @@ def diagnosed(
     gears: bool = False,
     described: Callable[[ChainModel], ChainModel] = lambda model: model,
     given: Sequence[ChainCause] = (),
+    recorded: Mapping[str, NDArray] | None = None,
 ) -> CauseDiagnosis:
     """Diagnosis of a campaign whose geometry and zeros are drawn from their tolerances. Orders of ``gears`` are
     searched on request only, because that takes time. The search knows the model as ``described``; ``given`` causes are
-    in it from the start."""
+    in it from the start. ``recorded``: further columns (B,) of the poses."""
     rng = np.random.default_rng(seed)
     model = campaign(rng, 60, 1 if orientation else 2, orientation)
+    covariates = {**model.conditions.covariates, **(recorded or {})}
+    model = model.at(replace(model.conditions, covariates=covariates))
     if not gears:
         model = replace(model, known=replace(model.known, gear_orders=dict.fromkeys(model.tree.readings, ())))
     true = model.with_causes([effect.cause for effect in effects])

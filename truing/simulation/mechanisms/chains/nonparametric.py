@@ -3,8 +3,8 @@
 The length of a link may depend on time: heat of motors that no recorded temperature shows. Its course alone resembles a
 joint that jumps or a target that moves.
 
-A joint may also depend on two readings, on the load of weight on it, and on the history of its own: friction remembers
-turning points. Beyond the
+A joint may also depend on two readings, on the load of weight on it, on an input with the sign of its direction of
+approach, and on the history of its own: friction remembers turning points. Beyond the
 inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
 determine no curve, and a continued one would predict other poses worse than none.
 A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two.
@@ -31,6 +31,7 @@ from truing.simulation.nonparametric import (
     POLYNOMIAL,
     SETTLINGS,
     WAVES,
+    Dependence,
     NonparametricEffect,
     chebyshev,
     dependence,
@@ -46,6 +47,7 @@ _MM = 1e-3
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 3e-4, 2e-4
 _SMOOTH, _WAVES_OF_TIME, _WAVES_OF_TRAVEL = (1, 2, 3), (2, 4, 8), (4, 8)
 _BEYOND_COMPLIANCE = (2, 3)  # in proportion to its load a joint is compliant
+_LEAST_SCATTER = 0.3  # of a column's root mean square
 # Degrees in the two inputs of a surface's terms, by their sum; all of sum 2, or of sum 3.
 _TERMS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 _SURFACES = 5, 9
@@ -101,19 +103,20 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         return LinkGrowth(link=self.length_of).shared_with(scene) if self.length_of else {}
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the columns, except times and the load, that a prediction needs."""
-        return tuple(column for column in self.columns if column not in (TIME, ORDER, self._load_column))
+        """Return the columns, except times and what follows from the readings, that a prediction needs."""
+        return tuple(column for column in self.columns if column not in (TIME, ORDER, *self._own_columns))
 
     @property
-    def _load_column(self) -> str:
-        """Name of the load of weight on the joint, as among the inputs."""
-        return load_column(self.joint, self.is_angle)
+    def _own_columns(self) -> tuple[str, str]:
+        """Names of the load of weight on the joint, and of its direction of approach, as among the inputs."""
+        return load_column(self.joint, self.is_angle), f"approach_{self.joint}"
 
     def candidates(self, scene: ChainScene) -> Sequence[NonparametricChainEffect]:
         """Return all dependences of all joints that moved, of measured links and of the base, for which there are
         enough poses."""
         machine = scene.inputs_of_machine
         columns = varying_columns(scene.covariates)
+        other_columns = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
         result: list[NonparametricChainEffect] = []
         for k, name in enumerate(machine.tree.readings):
             if machine.moved[k]:
@@ -124,11 +127,12 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                 result += self._of(bare, _of_two(read), columns, len(machine.readings))
                 if MEMORY in machine.conditions.covariates:
                     result += self._of(bare, iter([((joint,), HISTORY, len(STOPS))]), columns, len(machine.readings))
+                load, came = bare._own_columns
                 if machine.gravity is not None and machine.load_varies(k):
-                    load = bare._load_column
                     forms = (((load,), POLYNOMIAL, degree) for degree in _BEYOND_COMPLIANCE)
                     result += self._of(bare, forms, {load: machine.torque(k)}, len(machine.readings))
-        other_columns = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
+                if machine.approach is not None and np.ptp(machine.approach[:, k]) > 0.0:
+                    result += [replace(bare, **form) for form in _of_reversals(came, other_columns)]
         for link in ("", *_moving_links(machine)):
             result += self._of(
                 replace(self, joint="", link=link),
@@ -196,10 +200,12 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         reading = machine.tree.readings.index(self.joint)
         if self.form == HISTORY:
             return machine.of_joint(reading, machine.conditions.covariates[MEMORY][:, reading])
-        if self.columns == (self._load_column,):
-            load = machine.torque(reading)
-            return machine.of_joint(reading, self.basis(lambda column: load))
-        return machine.of_joint(reading, self.basis(partial(_values_of, machine)))
+        load, came = self._own_columns
+        own = {load: machine.torque(reading)} if load in self.columns else {}
+        if came in self.columns and machine.approach is not None:
+            own[came] = machine.approach[:, reading]
+        known = {**machine.conditions.covariates, **own}
+        return machine.of_joint(reading, self.basis(lambda column: np.asarray(known[column], float)))
 
     def twists(self, machine: ChainInputs) -> NDArray | None:
         """Return the functions' values as motions of the link or the base; None for a joint."""
@@ -251,6 +257,18 @@ def _of_joint(columns: dict[str, NDArray], joint_column: str) -> Iterator[tuple[
     for column, counts in ((TIME, _WAVES_OF_TIME), (ORDER, _WAVES_OF_TIME), (joint_column, _WAVES_OF_TRAVEL)):
         yield from (((column,), WAVES, count) for count in counts if column in columns)
     yield from (((TIME,), form, 1) for form in SETTLINGS if TIME in columns)
+
+
+def _of_reversals(came: str, columns: Mapping[str, NDArray]) -> Iterator[Dependence]:
+    """Yield dependences on columns with the sign of the direction of approach, as of a delay on the speed.
+
+    A column in which a constant leaves little is no input: its effect is that of a backlash.
+    """
+    for name, values in columns.items():
+        size, scatter = float(np.sqrt(np.mean(values**2))), float(np.std(values))
+        if scatter > _LEAST_SCATTER * size:
+            largest = {came: 1.0, name: float(np.abs(values).max())}
+            yield dependence((name, came), {key: (0.0, half) for key, half in largest.items()}.__getitem__)
 
 
 def _of_two(readings: Sequence[str]) -> Iterator[tuple[tuple[str, ...], str, int]]:
