@@ -272,6 +272,14 @@ def test_an_arm_whose_tool_has_one_target_loses_no_pose():
     assert section_verdicts({name: t for name, t in tables.items() if name != "joints"})["poses"].value == 1.0
 
 
+def test_an_arm_with_measured_poses_has_poses_and_no_points():
+    fits = {"pose": [1, 2], "body": "tool0", "method": "measured", "default": True, "n_used": 0, "status": "ok"}
+    tables = of(FOUND, poses=pd.DataFrame(fits), joints=pd.DataFrame({"pose": [1, 2]}))
+    verdict = section_verdicts(tables)["poses"]
+    assert (verdict.state, verdict.reason_code) == (RelationState.OK, ReasonCode.COMPLETE)
+    assert_says(verdict.explanation, "2 poses of 1 body", "taken as given")
+
+
 def test_effects_that_no_campaign_of_the_kind_can_show_are_no_agreement():
     hidden = [{**one, "verdict": "not testable"} for one in rejected()]
     verdict = section_verdicts(of(*hidden))["diagnosis"]
