@@ -356,10 +356,12 @@ class NoiseFacts:
 
 def noise_explanation(facts: NoiseFacts) -> str:
     """Return the sentences on noise that is larger than declared, or that differs between places."""
+    is_uniform = not (facts.channel or facts.inputs)
     missed = ""
     if facts.rms is not None and facts.floor is not None:
-        by_noise = f"the noise as estimated here gives {two_decimals(facts.floor)} {facts.unit}"
-        missed = f" The rms error of predictions is {two_decimals(facts.rms)} {facts.unit}; {by_noise}."
+        by_noise = facts.expected if is_uniform else "the noise as estimated here"
+        missed = f" The rms error of predictions is {two_decimals(facts.rms)} {facts.unit}; "
+        missed += f"{by_noise} gives {two_decimals(facts.floor)} {facts.unit}."
     size = with_uncertainty(facts.ratio, facts.sigma)
     weighted = "Noisier measurements had less weight in the search for causes."
     if facts.channel:
