@@ -105,6 +105,16 @@ def test_a_small_misfit_names_the_found_cause_that_the_calibration_leaves_out():
     assert_says(verdict.explanation, "1.20 times", "leaves out what the diagnosis found", "larger than declared")
 
 
+@pytest.mark.parametrize(("times", "state"), [(1.2, RelationState.ATTENTION), (3.0, RelationState.FAILS)])
+def test_a_misfit_next_to_suspected_causes_asks_for_no_further_one(times: float, state: RelationState) -> None:
+    suspected = row("leg-drift", subject="leg4", verdict="suspected", reason_code="alternative")
+    verdicts = section_verdicts(of(FOUND, suspected, *rejected()) | misfit(times, p=1e-9))
+    assert verdicts["diagnosis"].reason_code == ReasonCode.SUSPECTED
+    assert (verdicts["calibration"].state, verdicts["calibration"].reason_code) == (state, ReasonCode.MISFIT)
+    assert_says(verdicts["calibration"].explanation, "leaves out what the diagnosis found or suspects")
+    assert "missing" not in verdicts["calibration"].explanation
+
+
 def test_the_page_and_the_search_know_declared_noise_equally_well():
     assert DECLARED_FREEDOM == NOISE_PRIOR_FREEDOM
     assert does_not_fit(1e-9, 1.43)
