@@ -389,13 +389,18 @@ def test_residuals_too_large_without_a_pattern_may_be_larger_noise(times: float,
     noise = row("unexplained", parameters=ratio, noise_floor=5.0, **errors)
     larger = ("observation-noise", "", times, 1e-9, "fails")
     tables = diagnosis_tables(rows(noise, *rejected()))
-    even = adequacy_verdict({**tables, "adequacy": adequacy(larger, ("pure-error", "", 1.1, 0.8, "ok"))}, {})
+    even_tests = adequacy(larger, ("pure-error", "", 1.1, 0.8, "ok"))
+    even = adequacy_verdict({**tables, "adequacy": even_tests}, {})
     assert even is not None
     assert (even.state, even.reason_code) == (state, ReasonCode.BEYOND_NOISE)
     assert even.explanation.startswith("The noise is larger than declared, or the model is incomplete")
     assert_says(printed(even.explanation), "declared noise gives 5.0 µm")
     assert_says(even.explanation, "No test finds a pattern", "repetitions")
     assert "noise alone gives" not in even.explanation
+    scatter = row("approach-scatter", subject="leg3", parameters={}, noise_floor=5.0, **errors)
+    scattered = adequacy_verdict({**diagnosis_tables(rows(scatter, noise)), "adequacy": even_tests}, {})
+    assert scattered is not None
+    assert_says(printed(scattered.explanation), "the declared noise and the scatter found here give 5.0 µm")
     drift = adequacy(larger, ("like-neighbours", "time_s", 0.4, 1e-6, "fails"))
     untested = adequacy(larger, ("pure-error", "", None, None, "not tested"))
     for tests in (drift, untested):

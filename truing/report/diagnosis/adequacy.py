@@ -132,6 +132,12 @@ def _noise_alone(rows: list[AssessedCause]) -> str:
     return "noise and the scatter found here give" if scattered else "noise alone gives"
 
 
+def _declared_noise(rows: list[AssessedCause]) -> str:
+    """Return the source of the noise floor with its verb, where the declared noise is in doubt."""
+    scattered = any(row.raises_floor for row in accepted_of(rows))
+    return f"{DECLARED_NOISE} and the scatter found here give" if scattered else f"{DECLARED_NOISE} gives"
+
+
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict on the final model as a whole; None where nothing was diagnosed."""
     rows = assessed_causes(tables)
@@ -162,7 +168,7 @@ def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict
     if beyond:
         worst = max(beyond, key=_times_noise)
         if _is_noise_alone(tables):
-            return _verdict_on_size(worst, none, shortcoming(tables), _rms_error(worst, tables))
+            return _verdict_on_size(worst, none, shortcoming(tables), _declared_noise(rows), _rms_error(worst, tables))
         return _verdict_above_noise(worst, none, shortcoming(tables), _noise_alone(rows), _rms_error(worst, tables))
     if short := shortcoming(tables):
         text = f"{_OF_SIZE if _is_noise_alone(tables) else 'The model is incomplete'}: {none}{short}."
@@ -196,10 +202,10 @@ def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str, er
     return _beyond_noise(text, ratio)
 
 
-def _verdict_on_size(overall: Overall, none: str, short: str, error: str) -> SectionVerdict:
+def _verdict_on_size(overall: Overall, none: str, short: str, noise: str, error: str) -> SectionVerdict:
     """Return the verdict on errors beyond declared noise without a pattern, which larger noise also explains."""
     size, floor = (rough_quantity(value, overall.unit) for value in (overall.after, overall.floor or 0.0))
-    text = f"{_OF_SIZE}: {none}{error} is {size}, where the declared noise gives {floor}. {capitalised(short)}. "
+    text = f"{_OF_SIZE}: {none}{error} is {size}, where {noise} {floor}. {capitalised(short)}. "
     text += "No test finds a pattern in the residuals: measure the noise by repetitions, and correct [noise] if it is "
     text += "larger."
     return _beyond_noise(text, _times_noise(overall))
