@@ -29,6 +29,7 @@ from truing.report.wordings.catalogue import cause_words, clause, confirming, ow
 from truing.report.wordings.claim import ONSET_BETWEEN, Advice, Claim, ParameterSize
 from truing.report.wordings.nonparametric_wordings import (
     INSTEAD,
+    QUANTITIES_INSTEAD,
     columns_words,
     remainder_advice,
     remainder_clause,
@@ -113,6 +114,8 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         claim = replace(claim, settings={**claim.settings, ONSET_BETWEEN: _onset_names(verdict.onsets)})
     if verdict.inputs:
         claim = replace(claim, settings={**claim.settings, INSTEAD: [list(inputs) for inputs, _ in verdict.inputs]})
+    if verdict.quantities:
+        claim = replace(claim, settings={**claim.settings, QUANTITIES_INSTEAD: list(verdict.quantities)})
     fitted = with_fitted_settings(claim, reported_parameters(verdict, legs))
     facts = _facts(verdict, diagnosis, words, fitted)
     advice = words.next_measurement.get(cause.key) or confirming(fitted, cause.confirm)

@@ -221,6 +221,13 @@ def test_inputs_that_explain_nearly_as_well_are_named_in_the_first_line():
     assert_says(text, "depends on the temperature, or instead on time, or instead on actuator 2 and the temperature")
 
 
+def test_quantities_of_a_leg_that_explain_nearly_as_well_are_named_in_the_first_line():
+    settings = json.dumps({"quantity": "attachments", "quantities_instead": ["readings"]})
+    found = row("unexplained", "found", subject="leg3", follows="time_s", parameters={}, settings=settings)
+    _, text = first_line(rows(found, *rejected()))
+    assert_says(text, "attachments of leg 3", "or instead the effective readings of leg 3", "depend on")
+
+
 def test_rivals_that_cannot_be_distinguished_are_named_at_the_head():
     gain = row("actuator-gain", subject="leg3", parameters=GAIN_3, log_evidence=45.0)
     rival = row("platform-deformation-linear", "indistinguishable", subject="leg3", parameters={"kappa_3": size(0.002)})

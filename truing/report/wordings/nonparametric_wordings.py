@@ -34,6 +34,7 @@ _COLUMNS = {
 OF_TIME = {"time_s", "order", "time_in_run_s"}
 # Setting of a nonparametric effect: inputs on which its subject may depend instead, about as probably.
 INSTEAD = "instead"
+QUANTITIES_INSTEAD = "quantities_instead"
 _OF_AXIS = {"command", "direction of approach"}
 PARTS_OF_AXES = {
     "axis": "the transmission of the axis (or an encoder that these readings cannot distinguish from it)",
@@ -208,7 +209,9 @@ def _dependent_quantity(claim: Claim) -> str:
         targets_text = f"target {targets[0]}" if len(targets) == 1 else "the targets"
         return f"{targets_text} on {claim.fact('body')}"
     if quantity in _WHOSE:
-        return _WHOSE[quantity].format(subject_words(claim.subject) or "the legs")
+        subject = subject_words(claim.subject) or "the legs"
+        others = [_WHOSE[other].format(subject) for other in claim.fact(QUANTITIES_INSTEAD) or () if other in _WHOSE]
+        return _WHOSE[quantity].format(subject) + "".join(f", or instead {other}," for other in others)
     number = f"{claim.fact('name')} of " if claim.fact("name") else ""
     return number + subject_words(claim.subject) if claim.subject else "something"
 
