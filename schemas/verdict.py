@@ -100,7 +100,8 @@ _MEANING = {
     ReasonCode.CHECK_WARNS: "a quality check warns",
     ReasonCode.CHECK_FAILED: "a quality check failed, and no [[accept]] accepts it",
     ReasonCode.WITHIN_NOISE: "no test of the final model finds more than noise; value: rms error over noise floor",
-    ReasonCode.BEYOND_NOISE: "residuals exceed noise: the final model is incomplete; value: rms error over noise floor",
+    ReasonCode.BEYOND_NOISE: "residuals exceed noise: larger noise, or an incomplete model; value: rms error over "
+    "noise floor",
     ReasonCode.BELOW_NOISE: "residuals are significantly below noise: the declared noise is too large",
     ReasonCode.UNDETERMINED_THERE: "held-out errors exceed noise, but not the uncertainty of the fit: the fitted "
     "data do not determine the model there; value: rms error over that of noise and uncertainty",

@@ -29,6 +29,7 @@ from truing.report.wordings.catalogue import cause_words, clause, confirming, ow
 from truing.report.wordings.claim import ONSET_BETWEEN, Advice, Claim, ParameterSize
 from truing.report.wordings.nonparametric_wordings import (
     INSTEAD,
+    QUANTITIES_INSTEAD,
     columns_words,
     remainder_advice,
     remainder_clause,
@@ -113,6 +114,8 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         claim = replace(claim, settings={**claim.settings, ONSET_BETWEEN: _onset_names(verdict.onsets)})
     if verdict.inputs:
         claim = replace(claim, settings={**claim.settings, INSTEAD: [list(inputs) for inputs, _ in verdict.inputs]})
+    if verdict.quantities:
+        claim = replace(claim, settings={**claim.settings, QUANTITIES_INSTEAD: list(verdict.quantities)})
     fitted = with_fitted_settings(claim, reported_parameters(verdict, legs))
     if verdict.verdict in ("found", "suspected"):
         fitted = replace(fitted, is_negative=_is_negative(reported_parameters(verdict, legs)))
@@ -232,7 +235,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         course=None if verdict.course is None else verdict.course.follows,
         is_course_beside=verdict.course is not None and verdict.course.is_beside,
         held_out_growth=_held_out_growth(verdict),
-        floor_has_scatter=bool(diagnosis.scatters or diagnosis.noise_dependences),
+        floor_has_scatter=_floor_has_scatter(diagnosis),
     )
 
 
@@ -307,11 +310,13 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
         _noise_dependence_row(dependence, final, overall)
         for dependence in merged_by_driver(diagnosis.noise_dependences)
     ]
+    has_scatter = _floor_has_scatter(diagnosis)
     for target, noise_of_target in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
-        rows.append(_larger_row(noise_of_target, final, shown.of_target(target)) | {"subject": subject})
+        of_target = _larger_row(noise_of_target, final, shown.of_target(target), has_scatter=has_scatter)
+        rows.append(of_target | {"subject": subject})
     if diagnosis.noise.p_value <= level and not diagnosis.noisy:
-        rows.append(_larger_row(diagnosis.noise, final, overall))
+        rows.append(_larger_row(diagnosis.noise, final, overall, has_scatter=has_scatter))
     return rows
 
 
@@ -367,11 +372,17 @@ def _next_to_findings(attribution: Attributed) -> dict[str, bool]:
     return {PARTLY_BY_FINDINGS: True} if attribution.is_partial else {}
 
 
-def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
+def _floor_has_scatter(diagnosis: CauseDiagnosis) -> bool:
+    """Return True if the noise floor holds scatter that was found next to the declared noise."""
+    return bool(diagnosis.scatters or diagnosis.noise_dependences)
+
+
+def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms, *, has_scatter: bool) -> dict[str, object]:
     """Noise larger than declared is structure too: an unknown effect moves the measurements."""
     missed = shown.rms(final.error), shown.floor(final.floor)
     expected = shown.noise if shown.is_noise_known else ESTIMATED_NOISE
-    text = noise_explanation(NoiseFacts(level.ratio, level.sigma, *missed, shown.unit, expected=expected))
+    facts = NoiseFacts(level.ratio, level.sigma, *missed, shown.unit, expected=expected, floor_has_scatter=has_scatter)
+    text = noise_explanation(facts)
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
 
 

@@ -201,6 +201,24 @@ def test_residuals_explained_by_accepted_causes_do_not_remain(size: float) -> No
     assert [(one.inputs, one.remains) for one in found] == [(("load_n",), size > 0.0)]
 
 
+@pytest.mark.parametrize("in_error", range(3))
+def test_an_error_of_one_channel_is_no_error_of_others_that_share_its_input(in_error: int) -> None:
+    """Three encoders see one scattering position, which is estimated from them: an error of one moves all residuals."""
+    rng = np.random.default_rng(15)
+    columns = _columns(rng)
+    seen = np.array([2.0, 5.0, 2.0, 1.0])  # the position in noise of the encoders, and in its own scatter
+    basis = seen / np.linalg.norm(seen)
+    rows = rng.standard_normal((EPOCHS, 4))
+    rows[:, in_error] += 12.0 * np.cos(3.0 * columns["load_n"])
+    rest = rows - np.outer(rows @ basis, basis)
+    plain = _of_numbers(np.zeros(EPOCHS), columns)
+    plain.measured.values, plain.measured.is_observed = np.zeros((EPOCHS, 3, 1)), np.ones((EPOCHS, 3), bool)
+    plain.standardised = (rest / np.sqrt(1.0 - basis**2))[:, :3, None]
+    plain.fit.whitened = SimpleNamespace(local_basis=np.tile(basis[:, None], (EPOCHS, 1, 1)))
+    found = attributed(plain, (plain,), LEVEL, LEVEL).found
+    assert [(one.channels, one.inputs) for one in found] == [((in_error,), ("load_n",))]
+
+
 def _of_parts(errors: np.ndarray, columns: dict[str, np.ndarray], last: str = "leg2") -> FittedModel:
     """A fitted model of two parts with errors (60, 2), which move its observations in directions that differ.
 

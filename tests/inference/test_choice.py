@@ -36,6 +36,7 @@ def _cause(name: str, catalogued: bool) -> Any:
         is_higher_order=name.startswith("further"),
         subject=name.partition(" by ")[0].partition(" of ")[2] or name,
         inputs=lambda parts: tuple(name.partition(" by ")[2].split()),
+        moved_quantity=name.partition(" of ")[0],
     )
 
 
@@ -335,6 +336,21 @@ def test_inputs_that_explain_nearly_as_well_are_reported_unless_they_hold_those_
     ((inputs, against),) = choice.inputs
     assert inputs == ("heat",)
     assert_close(against, 1.0 / (np.exp(-1.0) + np.exp(-3.0)), atol=1e-9, what="odds against")
+
+
+def test_quantities_of_the_same_part_that_explain_nearly_as_well_are_reported() -> None:
+    odds = {
+        "attachments of leg2 by time": 9.0,
+        "readings of leg2 by time": 8.9,
+        "lengths of leg2 by time": 4.0,
+        "sideways of leg2 by load": 8.8,
+        "lengths of leg1 by time": 8.7,
+    }
+    reported = _Reported(odds, tuple(odds), kinds=dict.fromkeys(odds, "unexplained"))
+    choice = choose(cast("Round", reported), set(), LEVEL)
+    assert choice is not None
+    assert choice.candidate.cause.moved_quantity == "attachments"
+    assert choice.quantities == ("readings",)
 
 
 def test_a_refused_candidate_gives_way_to_a_less_probable_one() -> None:

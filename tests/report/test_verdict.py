@@ -105,6 +105,16 @@ def test_a_small_misfit_names_the_found_cause_that_the_calibration_leaves_out():
     assert_says(verdict.explanation, "1.20 times", "leaves out what the diagnosis found", "larger than declared")
 
 
+@pytest.mark.parametrize(("times", "state"), [(1.2, RelationState.ATTENTION), (3.0, RelationState.FAILS)])
+def test_a_misfit_next_to_suspected_causes_asks_for_no_further_one(times: float, state: RelationState) -> None:
+    suspected = row("leg-drift", subject="leg4", verdict="suspected", reason_code="alternative")
+    verdicts = section_verdicts(of(FOUND, suspected, *rejected()) | misfit(times, p=1e-9))
+    assert verdicts["diagnosis"].reason_code == ReasonCode.SUSPECTED
+    assert (verdicts["calibration"].state, verdicts["calibration"].reason_code) == (state, ReasonCode.MISFIT)
+    assert_says(verdicts["calibration"].explanation, "leaves out what the diagnosis found or suspects")
+    assert "missing" not in verdicts["calibration"].explanation
+
+
 def test_the_page_and_the_search_know_declared_noise_equally_well():
     assert DECLARED_FREEDOM == NOISE_PRIOR_FREEDOM
     assert does_not_fit(1e-9, 1.43)
@@ -270,6 +280,14 @@ def test_an_arm_whose_tool_has_one_target_loses_no_pose():
     assert_says(whole.explanation, "tool0 has fewer than three targets", "points are used")
     assert section_verdicts(alone)["poses"].state == RelationState.NOT_TESTED
     assert section_verdicts({name: t for name, t in tables.items() if name != "joints"})["poses"].value == 1.0
+
+
+def test_an_arm_with_measured_poses_has_poses_and_no_points():
+    fits = {"pose": [1, 2], "body": "tool0", "method": "measured", "default": True, "n_used": 0, "status": "ok"}
+    tables = of(FOUND, poses=pd.DataFrame(fits), joints=pd.DataFrame({"pose": [1, 2]}))
+    verdict = section_verdicts(tables)["poses"]
+    assert (verdict.state, verdict.reason_code) == (RelationState.OK, ReasonCode.COMPLETE)
+    assert_says(verdict.explanation, "2 poses of 1 body", "taken as given")
 
 
 def test_effects_that_no_campaign_of_the_kind_can_show_are_no_agreement():

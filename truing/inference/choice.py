@@ -24,7 +24,8 @@ class CandidateChoice(Generic[CauseT]):
 
     ``probability``: of its kind, among all kinds and none. ``of_two``: it is accepted as one of two that together
     explain what a single one would absorb; its probability holds next to the other one. ``subjects``: its other
-    possible subjects, with the odds against each; ``inputs``: the same, of a nonparametric effect.
+    possible subjects, with the odds against each; ``inputs``: the same, of a nonparametric effect; ``quantities``:
+    those of its subject that it may change instead.
     """
 
     candidate: CauseCandidate[CauseT]
@@ -33,6 +34,7 @@ class CandidateChoice(Generic[CauseT]):
     of_two: bool = False
     subjects: tuple[tuple[str, float], ...] = ()
     inputs: tuple[tuple[tuple[str, ...], float], ...] = ()
+    quantities: tuple[str, ...] = ()
 
     def light(self) -> CandidateChoice[CauseT]:
         """Return the choice without designs, which only a search needs."""
@@ -58,7 +60,7 @@ def choose(
     if pair is not None and pair.first.kind not in refused and _is_acceptable_first(current, pair.first, level):
         also = tuple(rival for rival in pair.rivals if is_real(current, rival[0], level))
         first = pair.first
-        others = _other_subjects(current, first), _other_inputs(current, first)
+        others = _other_subjects(current, first), _other_inputs(current, first), _other_quantities(current, first)
         return CandidateChoice(first, also, pair.probability, True, *others)
     unnamed = [c for c in rivals if not c.cause.catalogued]
     least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAME_LOG_ODDS
@@ -88,7 +90,7 @@ def _choice(
     probability: float,
 ) -> CandidateChoice[CauseT]:
     also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
-    others = _other_subjects(current, chosen), _other_inputs(current, chosen)
+    others = _other_subjects(current, chosen), _other_inputs(current, chosen), _other_quantities(current, chosen)
     return CandidateChoice(chosen, also, probability, False, *others)
 
 
@@ -190,6 +192,21 @@ def _other_inputs(current: Round[CauseT], chosen: CauseCandidate[CauseT]) -> tup
             if c.cause.subject == subject and (inputs == chosen_inputs or not set(chosen_inputs) <= set(inputs))
         ),
     )
+
+
+def _other_quantities(current: Round[CauseT], chosen: CauseCandidate[CauseT]) -> tuple[str, ...]:
+    """Return the quantities of the subject that a nonparametric effect of the same inputs may change instead, the most
+    probable first."""
+    if chosen.cause.catalogued:
+        return ()
+    parts, subject = current.fitted.model.part_count, chosen.cause.subject
+    alike = (
+        (c.cause.moved_quantity, current.posterior(c))
+        for c in current.candidates
+        if c.kind == chosen.kind and c.cause.subject == subject
+        if c.cause.inputs(parts) == chosen.cause.inputs(parts)
+    )
+    return tuple(quantity for quantity, _ in _near(chosen.cause.moved_quantity, alike))
 
 
 def _near(chosen_name: Named, candidates: Iterable[tuple[Named, float]]) -> tuple[tuple[Named, float], ...]:

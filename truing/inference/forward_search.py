@@ -398,7 +398,7 @@ class ForwardSearch(Generic[CauseT]):
                 narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
             if narrower is chosen.candidate or not is_real(current, narrower, self.settings.level):
                 return chosen, cause, after
-            chosen = replace(chosen, candidate=narrower, subjects=(), inputs=())
+            chosen = replace(chosen, candidate=narrower, subjects=(), inputs=(), quantities=())
 
     @staticmethod
     def _onsets(candidate: CauseCandidate[CauseT], current: Round[CauseT]) -> tuple[CauseT, CauseT] | None:

@@ -116,6 +116,10 @@ class CauseLike(Protocol):
     def inputs(self, parts: int, /) -> tuple[str, ...]:
         """Return the input columns that a nonparametric effect depends on; empty for a cause of the catalogue."""
 
+    @property
+    def moved_quantity(self) -> str:
+        """Quantity of the subject that a nonparametric effect changes; empty where it has only one."""
+
     def refined(self) -> Self:
         """Return the form that is fitted once it is chosen, with its shape among the parameters."""
 

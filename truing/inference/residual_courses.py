@@ -24,6 +24,7 @@ _MOST_COURSES = 4  # of one group
 _DRAWS_OF_NOISE = 20
 _ROUNDING = 1e-6  # residuals of constant readings, in units of the noise
 _LEAST_SQUARES = 1e-300
+_LEAST_OWN = 0.1  # variance of a channel's residuals that those of others do not share, from which on it is told apart
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ def residuals_of(
     measured = fitted.measured
     factor = np.ones(measured.is_observed.shape) if doubted_noise is None else doubted_noise
     rows_of_groups = _groups_of_residuals(fitted, factor)
-    squares = map(_squares, rows_of_groups if first is fitted else _groups_of_residuals(first, factor))
+    squares = list(map(_squares, rows_of_groups if first is fitted else _groups_of_residuals(first, factor)))
+    if measured.size == 1:
+        rows_of_groups = _without_larger(rows_of_groups, fitted)
     for group, (rows, sum_of_squares) in enumerate(zip(rows_of_groups, squares, strict=True)):
         if measured.size == 1:
             at = measured.is_observed[:, group] & np.isfinite(rows).all(1)
@@ -64,6 +67,33 @@ def residuals_of(
         for course in courses(rows):
             share = min(1.0, float(np.sum(course**2)) / max(sum_of_squares, _LEAST_SQUARES))
             yield Residuals((), np.ones(len(rows), bool), course, group, share, is_course=True)
+
+
+def _without_larger(rows: list[Array], fitted: FittedModel[CauseT]) -> list[Array]:
+    """Return residuals (B, 1) of channels, each without what the channels with larger ones predict of it.
+
+    Where an uncertain input moves several channels, an error of one moves the estimated input, and with it the
+    residuals of the others. Channels whose residuals are hardly their own keep them: either may err.
+    """
+    if len(rows) < 2:
+        return rows
+    correlation, values = _correlation_by_inputs(rows, fitted), np.nan_to_num(np.column_stack(rows))
+    order, result = np.argsort(-np.mean(values**2, 0), kind="stable"), list(rows)
+    for place, channel in enumerate(order[1:], 1):
+        larger = order[:place]
+        of_larger, with_it = correlation[:, larger[:, None], larger], correlation[:, larger, channel]
+        weight = np.linalg.solve(of_larger + _ROUNDING * np.eye(place), with_it[..., None])[..., 0]
+        if np.mean(1.0 - np.sum(weight * with_it, 1)) > _LEAST_OWN:
+            result[channel] = rows[channel] - np.sum(weight * values[:, larger], 1)[:, None]
+    return result
+
+
+def _correlation_by_inputs(rows: list[Array], fitted: FittedModel[CauseT]) -> Array:
+    """Return the correlation (B, K, K) of the channels' residuals that the unknowns of their epoch cause."""
+    basis = fitted.fit.whitened.local_basis[:, : len(rows)] * np.isfinite(np.stack(rows, 1))
+    covariance = np.eye(len(rows)) - basis @ basis.transpose(0, 2, 1)
+    scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), _ROUNDING))
+    return np.asarray(covariance / (scale[:, :, None] * scale[:, None, :]))
 
 
 def _groups_of_residuals(fitted: FittedModel[CauseT], factor: Array) -> list[Array]:

@@ -94,7 +94,7 @@ class SearchVerdicts(Generic[CauseT]):
             covariance, probability = reported.covariance * spread, step.probability
             chosen = step.chosen
             reported = replace(reported, covariance=covariance, probability=probability, subjects=chosen.subjects)
-            reported = replace(reported, inputs=chosen.inputs, onsets=step.onsets)
+            reported = replace(reported, inputs=chosen.inputs, quantities=chosen.quantities, onsets=step.onsets)
             verdicts.append(replace(reported, blocks_asked=blocks is not None, block_gain=gain))
         verdicts += refuted
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds, searched.end)]

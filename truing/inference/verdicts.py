@@ -78,6 +78,7 @@ class Verdict(Generic[CauseT]):
     subjects: tuple[tuple[str, float], ...] = ()  # other possible subjects of a found cause, with the odds against each
     onsets: tuple[CauseT, CauseT] | None = None  # the cause at its earliest and latest possible onset
     inputs: tuple[tuple[tuple[str, ...], float], ...] = ()  # the same, of inputs of a nonparametric effect
+    quantities: tuple[str, ...] = ()  # quantities of its subject that a nonparametric effect may change instead
 
     @property
     def rank(self) -> tuple[int, float]:

@@ -39,7 +39,7 @@ def far_number(numbers: pd.DataFrame, squares: str) -> FarNumber | None:
 
     if not len(numbers):
         return None
-    rows = likeliest_numbers(numbers, squares)
+    rows = _likeliest_numbers(numbers, squares)
     largest = float(numbers[squares].max())
     p_value = min(1.0, len(numbers) * float(chdtrc(1, largest)))
     if p_value >= _FAR:
@@ -48,7 +48,7 @@ def far_number(numbers: pd.DataFrame, squares: str) -> FarNumber | None:
     return FarNumber(rows, len(numbers), p_value, math.sqrt(largest), limit)
 
 
-def likeliest_numbers(numbers: pd.DataFrame, squares: str) -> tuple[Row, ...]:
+def _likeliest_numbers(numbers: pd.DataFrame, squares: str) -> tuple[Row, ...]:
     """Return the number that takes most from the squares of all pulls, then the first few that are as likely."""
     ordered = numbers.sort_values(squares, ascending=False, kind="stable")
     near = ordered[squares].iloc[0] - ordered[squares] < _AS_LIKELY

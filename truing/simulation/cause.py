@@ -302,6 +302,11 @@ class Cause(Generic[SceneT_contra]):
         """Return the input columns that a nonparametric effect depends on; empty for a cause of the catalogue."""
         return ()
 
+    @property
+    def moved_quantity(self) -> str:
+        """Quantity of the subject that a nonparametric effect changes; empty where it has only one."""
+        return ""
+
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of configurations, except the readings, that a prediction needs."""
         return self.inputs(legs)

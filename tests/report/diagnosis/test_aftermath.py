@@ -64,6 +64,20 @@ def test_one_wrong_number_of_the_description_is_named_with_its_size():
     assert_says(of_leg.explanation, "nearly all pulls are of leg 2")
 
 
+def test_no_number_is_named_where_each_is_as_far_off_as_chance_allows():
+    sums = made.pull_sums(48.0).assign(p_value=0.02)
+    near = (1, "a_x", 2.9, 0.62), (2, "b_x", -2.5, -0.5)
+    within = pulls_verdict(_with_far_numbers((4, "a_x", 3.1, 0.69), *near) | {"pull_sums": sums}, {})
+    assert within is not None
+    assert within.state is RelationState.ATTENTION
+    assert "Did you mean" not in within.explanation
+    assert_says(within.explanation, "tolerances are too small, or a cause is missing")
+    beyond = pulls_verdict(_with_far_numbers((4, "a_x", 5.2, 0.69), *near) | {"pull_sums": sums}, {})
+    assert beyond is not None
+    assert_says(beyond.explanation, "one wrong number explains it")
+    assert_says(beyond.explanation, "Did you mean a_x of leg 4")
+
+
 def test_one_wrong_number_is_named_where_the_sum_of_all_pulls_hides_it():
     tables = _with_far_numbers((3, "l", 5.2, 0.434)) | {"pull_sums": made.pull_sums(28.0).assign(p_value=0.6)}
     found = pulls_verdict(tables, {})

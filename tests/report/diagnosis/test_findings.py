@@ -144,7 +144,11 @@ def test_quantities_not_evaluated_are_left_out():
 
 
 def test_noise_says_where_it_is_larger_where_that_is_known():
-    assert_says(noise_explanation(NoiseFacts(1.41, 0.05, 7.3, 5.1)), "residuals", "1.410 ± 0.050", "declared noise")
+    uniform = noise_explanation(NoiseFacts(1.41, 0.05, 7.3, 5.1))
+    assert_says(uniform, "residuals", "1.410 ± 0.050", "declared noise")
+    assert_says(uniform, "rms error", "7.30 um", "the declared noise gives 5.10 um")  # the floor is not the noise found
+    scattered = noise_explanation(NoiseFacts(1.41, 0.05, 7.3, 6.2, floor_has_scatter=True))
+    assert_says(scattered, "the declared noise and the scatter found here give 6.20 um")
     of_signals = noise_explanation(NoiseFacts(1.41, 0.05, None, None, expected=ESTIMATED_NOISE))
     assert_says(of_signals, "1.410 ± 0.050", "estimated", "none is declared")
     assert_says(of_signals, "that estimate is too small")

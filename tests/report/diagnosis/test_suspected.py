@@ -11,6 +11,7 @@ import pytest
 from tests.report.diagnosis_parts import part_of, state_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, matrix, rejected, row, rows
 from tests.sentences import assert_says, says
+from truing.belonging.relation import RelationState
 from truing.report.diagnosis.adequacy import adequacy as adequacy_section
 from truing.report.diagnosis.adequacy import adequacy_verdict, shortcoming
 from truing.report.diagnosis.assessed_causes import PARTLY_BY_FINDINGS, WITHOUT_FINDINGS, assessed_causes
@@ -379,3 +380,30 @@ def test_residuals_beyond_the_declared_noise_are_not_said_to_be_noise() -> None:
     assert_says(
         lead, "residuals of the measurements are 2.5 times the declared noise", "larger noise, or a missing effect"
     )
+
+
+@pytest.mark.parametrize(("times", "state"), [(1.5, RelationState.ATTENTION), (2.5, RelationState.FAILS)])
+def test_residuals_too_large_without_a_pattern_may_be_larger_noise(times: float, state: RelationState) -> None:
+    ratio = {"noise_ratio": {"value": times, "sigma": 0.1, "unit": "1"}}
+    errors = dict.fromkeys(("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after"), 5.0 * times)
+    noise = row("unexplained", parameters=ratio, noise_floor=5.0, **errors)
+    larger = ("observation-noise", "", times, 1e-9, "fails")
+    tables = diagnosis_tables(rows(noise, *rejected()))
+    even_tests = adequacy(larger, ("pure-error", "", 1.1, 0.8, "ok"))
+    even = adequacy_verdict({**tables, "adequacy": even_tests}, {})
+    assert even is not None
+    assert (even.state, even.reason_code) == (state, ReasonCode.BEYOND_NOISE)
+    assert even.explanation.startswith("The noise is larger than declared, or the model is incomplete")
+    assert_says(printed(even.explanation), "declared noise gives 5.0 µm")
+    assert_says(even.explanation, "No test finds a pattern", "repetitions")
+    assert "noise alone gives" not in even.explanation
+    scatter = row("approach-scatter", subject="leg3", parameters={}, noise_floor=5.0, **errors)
+    scattered = adequacy_verdict({**diagnosis_tables(rows(scatter, noise)), "adequacy": even_tests}, {})
+    assert scattered is not None
+    assert_says(printed(scattered.explanation), "the declared noise and the scatter found here give 5.0 µm")
+    drift = adequacy(larger, ("like-neighbours", "time_s", 0.4, 1e-6, "fails"))
+    untested = adequacy(larger, ("pure-error", "", None, None, "not tested"))
+    for tests in (drift, untested):
+        verdict = adequacy_verdict({**tables, "adequacy": tests}, {})
+        assert verdict is not None
+        assert verdict.explanation.startswith("The model is incomplete")

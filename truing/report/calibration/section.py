@@ -150,7 +150,12 @@ def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) ->
     if _explains(before):
         text += "noise, because it leaves out what the diagnosis found. With that, only noise remains."
         return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, text, misfit)
-    text += "noise. Correct [noise], or find the missing cause, before its parameters are used."
+    if _explains(before, ReasonCode.SUSPECTED):
+        text += (
+            "noise. It leaves out what the diagnosis found or suspects: confirm that before its parameters are used."
+        )
+    else:
+        text += "noise. Correct [noise], or find the missing cause, before its parameters are used."
     return _calibrated(RelationState.FAILS, ReasonCode.MISFIT, text, misfit)
 
 
@@ -160,14 +165,17 @@ def _small_misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdic
     if _explains(before):
         text += "it leaves out what the diagnosis found, or the noise is larger than declared."
         return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, text, misfit)
-    text += "check [noise], or look for a small missing effect."
+    if _explains(before, ReasonCode.SUSPECTED):
+        text += "it leaves out what the diagnosis found or suspects, or the noise is larger than declared."
+    else:
+        text += "check [noise], or look for a small missing effect."
     return _calibrated(RelationState.ATTENTION, ReasonCode.MISFIT, text, misfit)
 
 
-def _explains(before: Mapping[str, SectionVerdict]) -> bool:
-    """Return True if the diagnosis found a cause, and its extended model leaves only noise."""
+def _explains(before: Mapping[str, SectionVerdict], result: ReasonCode = ReasonCode.FOUND) -> bool:
+    """Return True if the diagnosis has this result, and its extended model leaves only noise."""
     codes = {name: before[name].reason_code for name in ("diagnosis", "adequacy") if name in before}
-    return codes == {"diagnosis": ReasonCode.FOUND, "adequacy": ReasonCode.WITHIN_NOISE}
+    return codes == {"diagnosis": result, "adequacy": ReasonCode.WITHIN_NOISE}
 
 
 def misfit_ratio(facts: pd.Series) -> float | None:

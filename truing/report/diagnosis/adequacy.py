@@ -16,7 +16,7 @@ from truing.report.diagnosis.assessed_causes import (
     testable_of,
 )
 from truing.report.diagnosis.deviating_epochs import deviating_epochs, deviating_words, used_words
-from truing.report.diagnosis.findings import expected_noise, subject_words
+from truing.report.diagnosis.findings import DECLARED_NOISE, expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models, part_names
 from truing.report.numbers import capitalised, count_text, p_value, rough, rough_quantity
 from truing.report.page import Listing, ReportSection
@@ -44,6 +44,8 @@ _LOOKED_FOR = {
     CAUSES_LEFT: "further causes",
 }
 _RESIDUALS = {"observation-noise": "residuals of the measurements", "input-noise": "residuals of the inputs"}
+_OF_PATTERNS = ("like-neighbours", "like-places", "pure-error", "by-region")
+_OF_SIZE = "The noise is larger than declared, or the model is incomplete"
 _WHY_ENDED = {
     "most-causes": "because no further cause is known to improve the prediction of held-out measurements",
     "time": "because a search for further causes would take too long",
@@ -130,6 +132,12 @@ def _noise_alone(rows: list[AssessedCause]) -> str:
     return "noise and the scatter found here give" if scattered else "noise alone gives"
 
 
+def _declared_noise(rows: list[AssessedCause]) -> str:
+    """Return the source of the noise floor with its verb, where the declared noise is in doubt."""
+    scattered = any(row.raises_floor for row in accepted_of(rows))
+    return f"{DECLARED_NOISE} and the scatter found here give" if scattered else f"{DECLARED_NOISE} gives"
+
+
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict on the final model as a whole; None where nothing was diagnosed."""
     rows = assessed_causes(tables)
@@ -159,9 +167,11 @@ def _verdict_on_fit(rows: list[AssessedCause], tables: Tables) -> SectionVerdict
     none = "" if accepted_rows else f"none of {count_text(len(testable_of(rows)), 'candidate')} was found, but "
     if beyond:
         worst = max(beyond, key=_times_noise)
+        if _is_noise_alone(tables):
+            return _verdict_on_size(worst, none, shortcoming(tables), _declared_noise(rows), _rms_error(worst, tables))
         return _verdict_above_noise(worst, none, shortcoming(tables), _noise_alone(rows), _rms_error(worst, tables))
     if short := shortcoming(tables):
-        text = f"The model is incomplete: {none}{short}."
+        text = f"{_OF_SIZE if _is_noise_alone(tables) else 'The model is incomplete'}: {none}{short}."
         p, limit = _least_likely(tables)
         return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.LACK_OF_FIT, text, p, "1", limit)
     if undetermined := [model_error for model_error in missed if _is_undetermined(model_error)]:
@@ -189,9 +199,32 @@ def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str, er
         floor += f" and the uncertainty of the fit {of_fit}, as the fitted data hardly determine the model there"
     text = f"The model is incomplete: {none}{error} is {size}, where {noise} {floor}{also}. "
     text += "Look at the pattern of the errors under Diagnosis."
+    return _beyond_noise(text, ratio)
+
+
+def _verdict_on_size(overall: Overall, none: str, short: str, noise: str, error: str) -> SectionVerdict:
+    """Return the verdict on errors beyond declared noise without a pattern, which larger noise also explains."""
+    size, floor = (rough_quantity(value, overall.unit) for value in (overall.after, overall.floor or 0.0))
+    text = f"{_OF_SIZE}: {none}{error} is {size}, where {noise} {floor}. {capitalised(short)}. "
+    text += "No test finds a pattern in the residuals: measure the noise by repetitions, and correct [noise] if it is "
+    text += "larger."
+    return _beyond_noise(text, _times_noise(overall))
+
+
+def _beyond_noise(text: str, ratio: float) -> SectionVerdict:
+    """Return the verdict on errors of this ratio to the noise floor: it fails beyond a factor."""
     if ratio > BY_A_FACTOR:
         return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, text, ratio, "1", BY_A_FACTOR)
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, text, ratio, "1", AT_THE_FLOOR)
+
+
+def _is_noise_alone(tables: Tables) -> bool:
+    """Return True if noise larger than declared is all that the tests find, and some test of a pattern holds."""
+    table = table_or_none(tables, "adequacy")
+    if table is None or noise_compared(tables) != DECLARED_NOISE:
+        return False
+    failed, held = (set(table["test"][table["state"] == state]) for state in ("fails", "ok"))
+    return bool(failed) and failed <= set(_RESIDUALS) and not held.isdisjoint(_OF_PATTERNS)
 
 
 def _verdict_below_noise(overall: Overall, none: str, noise: str, error: str) -> SectionVerdict:

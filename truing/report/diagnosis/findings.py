@@ -352,14 +352,19 @@ class NoiseFacts:
     inputs: Sequence[str] = ()
     channel: str = ""
     expected: str = DECLARED_NOISE
+    floor_has_scatter: bool = False  # as in `Facts`
 
 
 def noise_explanation(facts: NoiseFacts) -> str:
     """Return the sentences on noise that is larger than declared, or that differs between places."""
+    is_uniform = not (facts.channel or facts.inputs)
     missed = ""
     if facts.rms is not None and facts.floor is not None:
-        by_noise = f"the noise as estimated here gives {two_decimals(facts.floor)} {facts.unit}"
-        missed = f" The rms error of predictions is {two_decimals(facts.rms)} {facts.unit}; {by_noise}."
+        by_noise = f"{facts.expected} gives" if is_uniform else "the noise as estimated here gives"
+        if is_uniform and facts.floor_has_scatter:
+            by_noise = f"{facts.expected} and the scatter found here give"
+        missed = f" The rms error of predictions is {two_decimals(facts.rms)} {facts.unit}; "
+        missed += f"{by_noise} {two_decimals(facts.floor)} {facts.unit}."
     size = with_uncertainty(facts.ratio, facts.sigma)
     weighted = "Noisier measurements had less weight in the search for causes."
     if facts.channel:

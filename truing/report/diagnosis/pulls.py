@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from truing.belonging.relation import RelationState
 from truing.report.column_heads import FREEDOM, PARAMETER, UNIT, Head, P
 from truing.report.diagnosis.prediction_errors import PartNames, part_names
-from truing.report.far_numbers import UNLIKELY, FarNumber, far_number, likeliest_numbers
+from truing.report.far_numbers import UNLIKELY, FarNumber, far_number
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
 from truing.report.numbers import count_text, p_equals, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, ReportSection
@@ -98,8 +98,8 @@ def _far_number(table: pd.DataFrame | None) -> FarNumber | None:
 
 
 def _one_number(table: pd.DataFrame | None, last: Row) -> str:
-    """Return the sentence on the one number whose correction explains all pulls, or on the leg that holds most of them;
-    empty where there is neither."""
+    """Return the sentence on the one number that is too far off and whose correction explains all pulls, or on the leg
+    that holds most of them; empty where there is neither."""
     if table is None or last.chi_square <= last.upper or "offset_after" not in table:
         return ""
     known = table[table["identifiable"].astype(bool)]
@@ -108,10 +108,10 @@ def _one_number(table: pd.DataFrame | None, last: Row) -> str:
     if not len(informed):
         return _one_leg(known) if len(known) else ""
     left = last.chi_square - float(informed["explained_after"].max())
-    if known["offset_after"].isna().any() or not 0.0 <= left <= last.upper:
+    far = far_number(informed, "explained_after")  # just beyond the band, any of many good numbers would explain it
+    if known["offset_after"].isna().any() or far is None or not 0.0 <= left <= last.upper:
         return _one_leg(known)
-    meant = _meant(likeliest_numbers(informed, "explained_after"))
-    return f"The description does not fit the machine: one wrong number explains it. {meant}"
+    return f"The description does not fit the machine: one wrong number explains it. {_meant(far.rows)}"
 
 
 def _meant(rows: Sequence[Row]) -> str:

@@ -79,7 +79,9 @@ def _growth(claim: Claim) -> str:
     size, grows = largest_of_kind(claim, "growth")
     verb = "grows" if grows else "shrinks"
     who = PARTS_OF_AXES.get(claim.subject, claim.subject)
-    return f"{who} {verb} with temperature, in proportion to the position{by_words(size)}"
+    mean = claim.fact("reference_c")
+    since = "" if mean is None else f", counted from the mean temperature of {mean:.1f} °C"
+    return f"{who} {verb} with temperature, in proportion to the position{by_words(size)}{since}"
 
 
 _RIGHT = {

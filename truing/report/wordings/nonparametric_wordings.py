@@ -33,9 +33,17 @@ _COLUMNS = {
     "direction of approach": "the direction of approach",
     "travel since the turn": "the travel of the axis since it reversed",
 }
+# Inputs with a value for each actuator, where a single leg depends on them.
+_COLUMNS_OF_ONE_LEG = {
+    "own drive": "the displacement of its own actuator",
+    "approach": "the direction from which its actuator came",
+    "last step": "the last movement of its actuator",
+    "memory": "the recent movements of its actuator",
+}
 OF_TIME = {"time_s", "order", "time_in_run_s"}
 # Setting of a nonparametric effect: inputs on which its subject may depend instead, about as probably.
 INSTEAD = "instead"
+QUANTITIES_INSTEAD = "quantities_instead"
 _OF_AXIS = {"command", "direction of approach"}
 PARTS_OF_AXES = {
     "axis": "the transmission of the axis (or an encoder that these readings cannot distinguish from it)",
@@ -149,8 +157,9 @@ def _inputs_in_words(claim: Claim) -> str:
     if not columns:
         return columns_words(claim.follows) or "none of the recorded columns"
     rows = "steps" if claim.fact("channel") else "rows" if claim.fact("element") else ""
-    of_steps = {"order": f"the order of the {rows}"} if rows else {}
-    texts = [of_steps.get(column) or _column_words(column) for column in columns]
+    own_words = {"order": f"the order of the {rows}"} if rows else {}
+    own_words |= _COLUMNS_OF_ONE_LEG if len(claim.fact("legs") or ()) == 1 else {}
+    texts = [own_words.get(column) or _column_words(column) for column in columns]
     first, half = texts[0], claim.fact("half_ranges")[0]
     size = f"{half:.4g} {_LOADS.get(columns[0], 's')}"
     is_timed = columns[0] != "order"  # without times, no duration is known
@@ -218,7 +227,9 @@ def _dependent_quantity(claim: Claim) -> str:
         targets_text = f"target {targets[0]}" if len(targets) == 1 else "the targets"
         return f"{targets_text} on {claim.fact('body')}"
     if quantity in _WHOSE:
-        return _WHOSE[quantity].format(subject_words(claim.subject) or "the legs")
+        subject = subject_words(claim.subject) or "the legs"
+        others = [_WHOSE[other].format(subject) for other in claim.fact(QUANTITIES_INSTEAD) or () if other in _WHOSE]
+        return _WHOSE[quantity].format(subject) + "".join(f", or instead {other}," for other in others)
     number = f"{claim.fact('name')} of " if claim.fact("name") else ""
     return number + subject_words(claim.subject) if claim.subject else "something"
 

@@ -124,6 +124,11 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         return " ".join(f"leg{leg}" for leg in self.legs)
 
     @property
+    def moved_quantity(self) -> str:
+        """Quantity that depends on the inputs."""
+        return str(self.quantity)
+
+    @property
     def is_persistent(self) -> bool:
         """True if the effect stays with the machine; False if it depends on time or on poses before, or concerns
         targets."""
