@@ -46,11 +46,11 @@ def several_for_one(
 def cancel(first: tuple[Array, Array], second: tuple[Array, Array]) -> bool:
     """Return True if two clear effects, each with values (P,) and covariance (P, P), cancel where both act: something
     was displaced and put back. The steps of a course do not return to its start in every component."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     if len(first[0]) != len(second[0]) or min(_squares(*first), _squares(*second)) < _CLEAR_STEP**2:
         return False
-    return bool(chi2.sf(_squares(first[0] + second[0], first[1] + second[1]), len(first[0])) > _CANCEL)
+    return bool(chdtrc(len(first[0]), _squares(first[0] + second[0], first[1] + second[1])) > _CANCEL)
 
 
 def _squares(values: Array, covariance: Array) -> float:
