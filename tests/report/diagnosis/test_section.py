@@ -65,6 +65,16 @@ def test_a_rejected_cause_with_like_odds_alone_is_explained(reason, probability,
     assert ("Taken alone, the rejected cause thermal expansion" in lead and "(p = 0.72)" in lead) == is_reported
 
 
+@pytest.mark.parametrize(("reason", "words"), [("contained", "part of a found cause"), ("chance", "")])
+def test_a_clear_cause_that_is_rejected_says_why(reason, words):
+    """A row *rejected, p < 1e-6, probability 1* contradicts itself."""
+    other = row("thermal-expansion", "rejected", p_value=1e-9, probability=1.0, reason_code=reason)
+    part = part_of("evidence", diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3), other)))
+    (listing,) = (listing for listing in part.listings if "candidates" in listing.caption)
+    decisions = [cells[2] for cells in listing.rows]
+    assert decisions == ["found", f"rejected: {words}" if words else "rejected"]
+
+
 def test_without_evidence_probabilities_are_drawn_and_without_these_nothing():
     found = row("actuator-gain", parameters=GAIN_3, log_evidence=np.nan)
     figure = part_of("evidence", diagnosis_tables(rows(found))).figures[0][0]

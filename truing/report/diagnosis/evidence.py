@@ -260,6 +260,14 @@ def _kind(row: AssessedCause) -> str:
     return cause_words(row.cause) if row.verdict == REJECTED else row.name
 
 
+# Reasons to reject a candidate other than chance, by reason code.
+_WHY_REJECTED = {
+    "contained": "part of a found cause",
+    "dropped": "not needed next to others",
+    "held-out": "predicts held-out data worse",
+}
+
+
 def _short(name: str) -> str:
     return name if len(name) <= 46 else f"{name[:28]}…{name[-17:]}"
 
@@ -299,12 +307,18 @@ def _change_words(pair: tuple[float | None, float | None]) -> str:
     return "" if pair == (None, None) else f"{plain(pair[0])} → {plain(pair[1])}".replace(" ", UNBROKEN)
 
 
+def _decision(row: AssessedCause) -> str:
+    """Return the verdict on a candidate; where it was rejected in spite of a clear effect, with the reason."""
+    reason = _WHY_REJECTED.get(row.reason_code) if row.verdict == REJECTED else None
+    return f"{row.verdict}: {reason}" if reason else row.verdict
+
+
 def _candidates(rows: list[AssessedCause]) -> Listing:
     cells = tuple(
         (
             str(row.rank),
             row.name,
-            row.verdict,
+            _decision(row),
             p_value(row.p_value).replace(" ", UNBROKEN),
             plain(row.signal_to_noise),
             "–" if row.evidence is None else f"{row.evidence / math.log(10.0):+.1f}",
