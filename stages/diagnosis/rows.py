@@ -235,7 +235,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         course=None if verdict.course is None else verdict.course.follows,
         is_course_beside=verdict.course is not None and verdict.course.is_beside,
         held_out_growth=_held_out_growth(verdict),
-        floor_has_scatter=_floor_has_scatter(diagnosis),
+        floor_has_scatter=diagnosis.floor_has_scatter,
     )
 
 
@@ -310,10 +310,12 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
         _noise_dependence_row(dependence, final, overall)
         for dependence in merged_by_driver(diagnosis.noise_dependences)
     ]
-    has_scatter = _floor_has_scatter(diagnosis)
+    has_scatter = diagnosis.floor_has_scatter
     for target, noise_of_target in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
-        of_target = _larger_row(noise_of_target, final, shown.of_target(target), has_scatter=has_scatter)
+        of_target = _larger_row(
+            noise_of_target, final, shown.of_target(target), has_scatter=diagnosis.floor_has_scatter
+        )
         rows.append(of_target | {"subject": subject})
     if diagnosis.noise.p_value <= level and not diagnosis.noisy:
         rows.append(_larger_row(diagnosis.noise, final, overall, has_scatter=has_scatter))
@@ -370,11 +372,6 @@ def _next_to_findings(attribution: Attributed) -> dict[str, bool]:
     if not attribution.remains:
         return {WITHOUT_FINDINGS: True}
     return {PARTLY_BY_FINDINGS: True} if attribution.is_partial else {}
-
-
-def _floor_has_scatter(diagnosis: CauseDiagnosis) -> bool:
-    """Return True if the noise floor holds scatter that was found next to the declared noise."""
-    return bool(diagnosis.scatters or diagnosis.noise_dependences)
 
 
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms, *, has_scatter: bool) -> dict[str, object]:

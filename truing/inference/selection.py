@@ -71,6 +71,11 @@ class CauseDiagnosis(Generic[CauseT]):
     single_errors: SingleErrors[CauseT] | None = None  # of one input, which has heavy tails
     has_repeats: bool = True  # whether inputs were repeated, so that scatter differs from an effect of fine pattern
 
+    @property
+    def floor_has_scatter(self) -> bool:
+        """True if the noise floor holds scatter that was found next to the declared noise."""
+        return bool(self.scatters or self.noise_dependences)
+
     @cached_property
     def errors_without_any(self) -> Errors[CauseT]:
         """Errors of the plain model on fitted and on held-out epochs, without causes known before the search either."""
@@ -100,8 +105,10 @@ class _Accounted(Generic[CauseT]):
         return self.is_random(larger) and all(cause.catalogued for cause in self.searched.final.causes)
 
     def is_random(self, larger: Sequence[NoiseDependence]) -> bool:
-        """Return False if noise may be an unknown effect: it is ``larger`` than declared in several periods, or in one
-        while inputs scatter; or it is larger and not random."""
+        """Return False if noise ``larger`` than declared may be an unknown effect.
+
+        It is larger in several periods, or in one while inputs scatter. Or it is not random.
+        """
         periods = sum(entry.driver.cause is not None for entry in larger)
         few = periods < (1 if self.scatters else _SEVERAL_PERIODS)
         doubted = any(entry.doubt for entry in larger) or any(entry.doubt for entry in self.scatters)

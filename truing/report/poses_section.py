@@ -75,8 +75,10 @@ def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
 
 
 def _used_as_points(tables: Tables, chosen: pd.DataFrame) -> pd.Series:
-    """Return True for rows of bodies of a chain whose poses were not measured, and that never show three targets: the
-    chain is fitted to their points."""
+    """Return True for rows of bodies of a chain that is fitted to their points.
+
+    Their poses were not measured, and they never show three targets.
+    """
     if "joints" not in tables:
         return pd.Series(data=False, index=chosen.index)
     return (chosen.groupby("body")["n_used"].transform("max") < _FEWEST) & chosen["method"].ne("measured")

@@ -98,8 +98,10 @@ def _far_number(table: pd.DataFrame | None) -> FarNumber | None:
 
 
 def _one_number(table: pd.DataFrame | None, last: Row) -> str:
-    """Return the sentence on the one number that is too far off and whose correction explains all pulls, or on the leg
-    that holds most of them; empty where there is neither."""
+    """Return the sentence on the one number that explains all pulls, or else on the leg that holds most of them.
+
+    The number must be too far off by itself. Empty where there is neither.
+    """
     if table is None or last.chi_square <= last.upper or "offset_after" not in table:
         return ""
     known = table[table["identifiable"].astype(bool)]

@@ -3,9 +3,10 @@
 The length of a link may depend on time: heat of motors that no recorded temperature shows. Its course alone resembles a
 joint that jumps or a target that moves.
 
-A joint may also depend on two readings, on the load of weight on it, on an input with the sign of its direction of
-approach, and on the history of its own: friction remembers turning points. Beyond the
-inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
+A joint may also depend on two readings, or on the load of weight on it. It may follow an input with the sign of its
+direction of approach, as a delay follows the speed; or its own history, as friction remembers turning points.
+
+Beyond the inputs at which nearly all poses were measured a dependence is held at its value there. Few poses outside
 determine no curve, and a continued one would predict other poses worse than none.
 A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two.
 """
@@ -47,7 +48,7 @@ _MM = 1e-3
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 3e-4, 2e-4
 _SMOOTH, _WAVES_OF_TIME, _WAVES_OF_TRAVEL = (1, 2, 3), (2, 4, 8), (4, 8)
 _BEYOND_COMPLIANCE = (2, 3)  # in proportion to its load a joint is compliant
-_LEAST_SCATTER = 0.3  # of a column's root mean square
+_LEAST_SCATTER = 0.3  # of a column's root mean square: a constant explains the other 91 % of its squares
 # Degrees in the two inputs of a surface's terms, by their sum; all of sum 2, or of sum 3.
 _TERMS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 _SURFACES = 5, 9
