@@ -98,3 +98,4 @@ def test_loads_of_weight_and_directions_of_approach_are_inputs_in_words() -> Non
         claim, settings={**claim.settings, "columns": ["speed_pct", "approach_j2"], "half_ranges": [40.0, 1.0]}
     )
     assert_says(clause(late), "speed_pct", "the direction of approach of j2")
+    assert_says(confirming(late).words, "from both sides", "speed_pct")

@@ -244,6 +244,10 @@ def _advice(claim: Claim) -> str:
         return "Approach more commands, also between the present ones, five times from either side."
     if all(re.fullmatch(_WEIGHT, column) for column in claim.fact("columns") or ("",)):
         return "Repeat the same poses with another payload, everything else unchanged."
+    if any(re.fullmatch(_APPROACH, column) for column in claim.fact("columns") or ()):
+        return (
+            f"Approach the same poses from both sides, at several values of {_column_words(claim.fact('columns')[0])}."
+        )
     if set(claim.fact("columns") or ()) <= OF_TIME:
         return f"Repeat some {plural} in another order, to see whether the effect depends on time or on the {singular}."
     return f"Repeat some {plural} with another value of {_inputs_in_words(claim)}, everything else unchanged."
